@@ -1,0 +1,1 @@
+//! eigenhand-hand-abi

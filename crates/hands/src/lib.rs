@@ -1,0 +1,1 @@
+//! eigenhand-hands
