@@ -1,1 +1,41 @@
-//! eigenhand-rl
+//! Off-policy reinforcement learning with a continuous action: DDPG with hindsight experience replay, on faer's matrices.
+//!
+//! The data path, in the order in which a training loop meets it: [`Exploration`] perturbs the actions of a [`Policy`];
+//! the episode that results is an [`EpisodeData`]; [`Replay`] keeps episodes; [`sample_batch`] draws transitions,
+//! replaces goals in hindsight and recomputes every reward; [`Ddpg::update`] learns from the [`Batch`] and gives the next
+//! [`Policy`]. [`RunningNormalizer`] scales what the networks see, [`rng::stream`] is the source of every random number,
+//! and [`TensorMap`] carries the learner's state to and from bytes.
+//!
+//! Everything is `f32`, runs on the calling thread, and does no IO. Matrices are row-major: one row is one sample.
+#![forbid(unsafe_code)]
+
+mod adam;
+mod checkpoint;
+mod config;
+mod ddpg;
+mod elementwise;
+mod episode;
+mod error;
+mod explore;
+mod gemm;
+mod her;
+mod net;
+mod normalizer;
+mod policy;
+mod replay;
+pub mod rng;
+mod tensors;
+
+pub use adam::{Adam, AdamConfig};
+pub use config::DdpgConfig;
+pub use ddpg::{Ddpg, UpdateStats};
+pub use episode::{EpisodeData, EpisodeShape};
+pub use error::RlError;
+pub use explore::{Exploration, ExplorationConfig};
+pub use gemm::{Matrix, MatrixMut, Write, gemm};
+pub use her::{Batch, GoalChoice, HerConfig, Origin, RewardFn, choose_goal, sample_batch};
+pub use net::{InputGradient, LayerShape, Mlp, MlpScratch, OutputActivation, Rows};
+pub use normalizer::{NormalizerConfig, RunningNormalizer};
+pub use policy::{Policy, PolicyScratch, Which};
+pub use replay::Replay;
+pub use tensors::{Tensor, TensorData, TensorMap};

@@ -1,0 +1,104 @@
+//! The Adam optimiser over one flat parameter vector.
+
+use crate::elementwise::{self, AdamCoefficients};
+
+/// Constants of [`Adam`] other than the learning rate.
+///
+/// # Source
+/// Kingma and Ba 2015, algorithm 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdamConfig {
+    /// Decay of the first moment.
+    pub beta1: f32,
+    /// Decay of the second moment.
+    pub beta2: f32,
+    /// Added to the root of the corrected second moment.
+    pub epsilon: f32,
+}
+
+impl Default for AdamConfig {
+    fn default() -> Self {
+        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
+    }
+}
+
+/// Optimiser state: two moments for each parameter and the number of steps taken.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Adam {
+    config: AdamConfig,
+    learning_rate: f32,
+    pub(crate) first_moment: Vec<f32>,
+    pub(crate) second_moment: Vec<f32>,
+    pub(crate) n_steps: u64,
+}
+
+/// A target network that follows the parameters during a step.
+#[derive(Debug)]
+pub struct Follow<'a> {
+    /// Parameters of the target.
+    pub target: &'a mut [f32],
+    /// Share of the way that the target goes towards the new parameters.
+    pub tau: f32,
+}
+
+impl Adam {
+    /// Starts with zero moments for `n_parameters` parameters.
+    pub fn new(config: AdamConfig, learning_rate: f32, n_parameters: usize) -> Self {
+        Self {
+            config,
+            learning_rate,
+            first_moment: vec![0.0; n_parameters],
+            second_moment: vec![0.0; n_parameters],
+            n_steps: 0,
+        }
+    }
+
+    /// Sets the learning rate of the steps to come.
+    pub fn set_learning_rate(&mut self, learning_rate: f32) {
+        self.learning_rate = learning_rate;
+    }
+
+    /// Returns the learning rate.
+    pub fn learning_rate(&self) -> f32 {
+        self.learning_rate
+    }
+
+    /// Returns the number of steps taken.
+    pub fn n_steps(&self) -> u64 {
+        self.n_steps
+    }
+
+    /// Descends once along `gradient`; with `follow`, a target network moves towards the new parameters in the same pass.
+    ///
+    /// # Panics
+    /// When the slices are not as long as the optimiser's moments.
+    pub fn step(&mut self, parameters: &mut [f32], gradient: &[f32], follow: Option<Follow<'_>>) {
+        let n = self.first_moment.len();
+        assert_eq!(parameters.len(), n, "parameters and moments differ in length");
+        assert_eq!(gradient.len(), n, "gradient and moments differ in length");
+        self.n_steps += 1;
+        let coefficients = self.coefficients();
+        let (m, v) = (&mut self.first_moment, &mut self.second_moment);
+        match follow {
+            None => elementwise::adam(coefficients, parameters, gradient, m, v),
+            Some(Follow { target, tau }) => {
+                assert_eq!(target.len(), n, "target and moments differ in length");
+                elementwise::adam_polyak(coefficients, tau, parameters, gradient, m, v, target);
+            }
+        }
+    }
+
+    // Both bias corrections are folded into the step size and epsilon, which is algorithm 1 exactly.
+    fn coefficients(&self) -> AdamCoefficients {
+        let AdamConfig { beta1, beta2, epsilon } = self.config;
+        let n = self.n_steps as f64;
+        let correction1 = 1.0 - f64::from(beta1).powf(n);
+        let correction2 = (1.0 - f64::from(beta2).powf(n)).sqrt();
+        AdamCoefficients {
+            beta1,
+            beta2,
+            step: (f64::from(self.learning_rate) * correction2 / correction1) as f32,
+            epsilon: (f64::from(epsilon) * correction2) as f32,
+        }
+    }
+}

@@ -1,0 +1,273 @@
+//! Fully connected networks, forward and backward, for a batch at a time.
+
+use rand::{Rng, RngExt};
+
+use crate::elementwise;
+use crate::gemm::{Matrix, MatrixMut, Write, gemm};
+
+/// What follows the last layer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputActivation {
+    /// Nothing.
+    Linear,
+    /// Hyperbolic tangent: outputs in (-1, 1).
+    Tanh,
+}
+
+/// Where one layer lies in the flat parameter vector.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct LayerShape {
+    /// Inputs of the layer.
+    pub inputs: usize,
+    /// Outputs of the layer.
+    pub outputs: usize,
+    /// Index of the first weight; the weights are `outputs x inputs`, row-major, and the `outputs` biases follow them.
+    pub offset: usize,
+}
+
+impl LayerShape {
+    /// Returns the index range of the weights.
+    pub fn weight(&self) -> std::ops::Range<usize> {
+        self.offset..self.offset + self.outputs * self.inputs
+    }
+
+    /// Returns the index range of the biases.
+    pub fn bias(&self) -> std::ops::Range<usize> {
+        let start = self.weight().end;
+        start..start + self.outputs
+    }
+}
+
+/// Rows of a batch inside a larger row-major array.
+#[derive(Clone, Copy, Debug)]
+pub struct Rows<'a> {
+    /// The array, from the first value of the first row.
+    pub data: &'a [f32],
+    /// Distance from one row to the next.
+    pub stride: usize,
+}
+
+/// A request for the gradient by some of the inputs.
+#[derive(Debug)]
+pub struct InputGradient<'a> {
+    /// First input of interest; the number of inputs follows from the length of `out`.
+    pub first: usize,
+    /// Receives `batch x n` values.
+    pub out: &'a mut [f32],
+}
+
+/// A multi-layer perceptron with rectified hidden layers; all parameters in one flat vector.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Mlp {
+    layers: Vec<LayerShape>,
+    output: OutputActivation,
+    parameters: Vec<f32>,
+}
+
+/// Activations and error signals of a batch, sized once for a network and a batch size.
+#[derive(Clone, Debug)]
+pub struct MlpScratch {
+    batch: usize,
+    activations: Vec<Vec<f32>>,
+    delta: Vec<f32>,
+    next_delta: Vec<f32>,
+}
+
+impl MlpScratch {
+    /// Returns the outputs of the last forward pass: `batch x outputs`.
+    pub fn output(&self) -> &[f32] {
+        // A network has at least one layer, see `Mlp::zeros`.
+        &self.activations[self.activations.len() - 1]
+    }
+}
+
+impl Mlp {
+    /// Draws weights from the uniform distribution of Glorot and Bengio; biases are zero.
+    ///
+    /// # Shapes
+    /// `sizes`: inputs, hidden widths, outputs.
+    ///
+    /// # Source
+    /// Glorot and Bengio 2010, equation 16; OpenAI baselines HER, `util.nn`.
+    ///
+    /// # Panics
+    /// When `sizes` has fewer than two entries or one is 0.
+    pub fn new(sizes: &[usize], output: OutputActivation, rng: &mut impl Rng) -> Self {
+        let mut net = Self::zeros(sizes, output);
+        for layer in &net.layers {
+            let limit = (6.0 / (layer.inputs + layer.outputs) as f32).sqrt();
+            for w in &mut net.parameters[layer.weight()] {
+                *w = rng.random_range(-limit..limit);
+            }
+        }
+        net
+    }
+
+    /// Makes a network whose parameters are all zero.
+    ///
+    /// # Panics
+    /// When `sizes` has fewer than two entries or one is 0.
+    pub fn zeros(sizes: &[usize], output: OutputActivation) -> Self {
+        assert!(sizes.len() >= 2 && sizes.iter().all(|&n| n > 0), "a network needs inputs and outputs, got {sizes:?}");
+        let mut layers = Vec::with_capacity(sizes.len() - 1);
+        let mut offset = 0;
+        for pair in sizes.windows(2) {
+            let layer = LayerShape { inputs: pair[0], outputs: pair[1], offset };
+            offset = layer.bias().end;
+            layers.push(layer);
+        }
+        Self { layers, output, parameters: vec![0.0; offset] }
+    }
+
+    /// Sizes scratch for passes over `batch` rows.
+    pub fn scratch(&self, batch: usize) -> MlpScratch {
+        let widest = self.layers.iter().map(|l| l.outputs).max().unwrap_or(0);
+        MlpScratch {
+            batch,
+            activations: self.layers.iter().map(|l| vec![0.0; batch * l.outputs]).collect(),
+            delta: vec![0.0; batch * widest],
+            next_delta: vec![0.0; batch * widest],
+        }
+    }
+
+    /// Returns the layers, first to last.
+    pub fn layers(&self) -> &[LayerShape] {
+        &self.layers
+    }
+
+    /// Returns the activation of the last layer.
+    pub fn output_activation(&self) -> OutputActivation {
+        self.output
+    }
+
+    /// Returns the number of inputs.
+    pub fn inputs(&self) -> usize {
+        self.layers[0].inputs
+    }
+
+    /// Returns the number of outputs.
+    pub fn outputs(&self) -> usize {
+        self.layers[self.layers.len() - 1].outputs
+    }
+
+    /// Returns all parameters; see [`LayerShape`] for their order.
+    pub fn parameters(&self) -> &[f32] {
+        &self.parameters
+    }
+
+    /// Returns all parameters for writing.
+    pub fn parameters_mut(&mut self) -> &mut [f32] {
+        &mut self.parameters
+    }
+
+    /// `(x: batch x inputs) => output: batch x outputs`, which stays in the scratch with what the backward pass needs.
+    ///
+    /// # Panics
+    /// When `x` holds fewer rows than the scratch, or the scratch is another network's.
+    pub fn forward<'s>(&self, x: Rows<'_>, scratch: &'s mut MlpScratch) -> &'s [f32] {
+        let batch = scratch.batch;
+        let last = self.layers.len() - 1;
+        for (i, layer) in self.layers.iter().enumerate() {
+            let (before, from) = scratch.activations.split_at_mut(i);
+            let input = match before.last() {
+                Some(hidden) => Matrix::new(hidden, batch, layer.inputs),
+                None => Matrix::strided(x.data, batch, layer.inputs, x.stride),
+            };
+            let out = &mut from[0];
+            let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
+            gemm(MatrixMut::new(out, batch, layer.outputs), Write::Replace, input, weight.t());
+            let bias = &self.parameters[layer.bias()];
+            match (i == last, self.output) {
+                (false, _) => elementwise::bias_relu(out, bias),
+                (true, OutputActivation::Linear) => elementwise::bias(out, bias),
+                (true, OutputActivation::Tanh) => elementwise::bias_tanh(out, bias),
+            }
+        }
+        scratch.output()
+    }
+
+    /// Propagates a gradient by the outputs back through the last forward pass; computes only what is asked for.
+    ///
+    /// # Shapes
+    /// `x`: the rows given to [`forward`](Self::forward). `output_gradient`: batch x outputs. `parameter_gradient`: as
+    /// long as [`parameters`](Self::parameters), overwritten. `input_gradient`: see [`InputGradient`].
+    ///
+    /// # Panics
+    /// When a length does not fit.
+    pub fn backward(
+        &self,
+        x: Rows<'_>,
+        output_gradient: &[f32],
+        scratch: &mut MlpScratch,
+        mut parameter_gradient: Option<&mut [f32]>,
+        input_gradient: Option<InputGradient<'_>>,
+    ) {
+        let MlpScratch { batch, activations, delta, next_delta } = scratch;
+        let batch = *batch;
+        let last = self.layers.len() - 1;
+        let n_out = batch * self.outputs();
+        assert_eq!(output_gradient.len(), n_out, "output gradient and batch differ in length");
+        match self.output {
+            OutputActivation::Linear => delta[..n_out].copy_from_slice(output_gradient),
+            OutputActivation::Tanh => elementwise::tanh_gradient(&mut delta[..n_out], output_gradient, &activations[last]),
+        }
+        if let Some(gradient) = parameter_gradient.as_deref_mut() {
+            elementwise::row_sum(&delta[..n_out], &mut gradient[self.layers[last].bias()]);
+        }
+        for (i, layer) in self.layers.iter().enumerate().rev() {
+            let d = Matrix::new(&delta[..batch * layer.outputs], batch, layer.outputs);
+            if let Some(gradient) = parameter_gradient.as_deref_mut() {
+                let input = match i.checked_sub(1) {
+                    Some(below) => Matrix::new(&activations[below], batch, layer.inputs),
+                    None => Matrix::strided(x.data, batch, layer.inputs, x.stride),
+                };
+                let out = MatrixMut::new(&mut gradient[layer.weight()], layer.outputs, layer.inputs);
+                gemm(out, Write::Replace, d.t(), input);
+            }
+            let Some(below) = i.checked_sub(1) else { break };
+            let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
+            let next = &mut next_delta[..batch * layer.inputs];
+            gemm(MatrixMut::new(next, batch, layer.inputs), Write::Replace, d, weight);
+            match parameter_gradient.as_deref_mut() {
+                Some(gradient) => {
+                    elementwise::relu_mask_sum(next, &activations[below], &mut gradient[self.layers[below].bias()]);
+                }
+                None => elementwise::relu_mask(next, &activations[below]),
+            }
+            std::mem::swap(delta, next_delta);
+        }
+        if let Some(InputGradient { first, out }) = input_gradient {
+            let layer = self.layers[0];
+            let n = out.len() / batch;
+            let d = Matrix::new(&delta[..batch * layer.outputs], batch, layer.outputs);
+            let weight = &self.parameters[layer.weight()][first..];
+            let columns = Matrix::strided(weight, layer.outputs, n, layer.inputs);
+            gemm(MatrixMut::new(out, batch, n), Write::Replace, d, columns);
+        }
+    }
+
+    /// `(x: inputs) => out: outputs` for one row.
+    ///
+    /// # Shapes
+    /// `buffers`: two slices, each at least as long as the widest hidden layer.
+    ///
+    /// # Panics
+    /// When a slice is too short.
+    pub fn forward_row(&self, x: &[f32], buffers: [&mut [f32]; 2], out: &mut [f32]) {
+        let last = self.layers.len() - 1;
+        let [mut from, mut to] = buffers;
+        for (i, layer) in self.layers.iter().enumerate() {
+            let weight = &self.parameters[layer.weight()];
+            let bias = &self.parameters[layer.bias()];
+            let input = if i == 0 { &x[..layer.inputs] } else { &from[..layer.inputs] };
+            let result = if i == last { &mut out[..layer.outputs] } else { &mut to[..layer.outputs] };
+            elementwise::gemv(weight, input, result);
+            match (i == last, self.output) {
+                (false, _) => elementwise::bias_relu(result, bias),
+                (true, OutputActivation::Linear) => elementwise::bias(result, bias),
+                (true, OutputActivation::Tanh) => elementwise::bias_tanh(result, bias),
+            }
+            std::mem::swap(&mut from, &mut to);
+        }
+    }
+}

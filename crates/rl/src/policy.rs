@@ -1,0 +1,100 @@
+//! A frozen actor with its normalisers, for collecting episodes.
+
+use std::sync::Arc;
+
+use crate::tensors::{Tensor, TensorMap};
+use crate::{Mlp, RunningNormalizer};
+
+/// Which of the learner's two actors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Which {
+    /// The one that is trained.
+    Online,
+    /// The slowly following average of it.
+    Target,
+}
+
+/// A snapshot of an actor; clones share their weights.
+#[derive(Clone, Debug)]
+pub struct Policy {
+    parts: Arc<Parts>,
+}
+
+#[derive(Debug)]
+struct Parts {
+    actor: Mlp,
+    observation: RunningNormalizer,
+    goal: RunningNormalizer,
+}
+
+/// Buffers of one thread's calls to [`Policy::act`].
+#[derive(Clone, Debug)]
+pub struct PolicyScratch {
+    input: Vec<f32>,
+    hidden: [Vec<f32>; 2],
+}
+
+impl Policy {
+    pub(crate) fn new(actor: Mlp, observation: RunningNormalizer, goal: RunningNormalizer) -> Self {
+        Self { parts: Arc::new(Parts { actor, observation, goal }) }
+    }
+
+    /// Allocates buffers for [`act`](Self::act); they fit every policy of the same learner.
+    pub fn scratch(&self) -> PolicyScratch {
+        let actor = &self.parts.actor;
+        let widest = actor.layers().iter().map(|l| l.outputs).max().unwrap_or(0);
+        PolicyScratch { input: vec![0.0; actor.inputs()], hidden: [vec![0.0; widest], vec![0.0; widest]] }
+    }
+
+    /// `(observation, goal) => out: action in [-1, 1]`, without exploration.
+    ///
+    /// # Panics
+    /// When a length is not the learner's.
+    pub fn act(&self, observation: &[f32], goal: &[f32], scratch: &mut PolicyScratch, out: &mut [f32]) {
+        let Parts { actor, observation: observations, goal: goals } = &*self.parts;
+        let (obs_in, goal_in) = scratch.input.split_at_mut(observations.dim());
+        observations.normalize(observation, obs_in);
+        goals.normalize(goal, goal_in);
+        let [a, b] = &mut scratch.hidden;
+        actor.forward_row(&scratch.input, [a, b], out);
+    }
+
+    /// Returns the number of values in an observation.
+    pub fn obs_dim(&self) -> usize {
+        self.parts.observation.dim()
+    }
+
+    /// Returns the number of values in a goal.
+    pub fn goal_dim(&self) -> usize {
+        self.parts.goal.dim()
+    }
+
+    /// Returns the number of values in an action.
+    pub fn act_dim(&self) -> usize {
+        self.parts.actor.outputs()
+    }
+
+    /// Returns the scaling of the observation.
+    pub fn observation_normalizer(&self) -> &RunningNormalizer {
+        &self.parts.observation
+    }
+
+    /// Returns the scaling of the goal.
+    pub fn goal_normalizer(&self) -> &RunningNormalizer {
+        &self.parts.goal
+    }
+
+    /// Exports what another program needs to run the policy: `actor.{i}.weight` (outputs x inputs, row-major),
+    /// `actor.{i}.bias`, and `mean` and `std` of `observation` and `goal`. The clips are in
+    /// [`NormalizerConfig`](crate::NormalizerConfig).
+    pub fn export_tensors(&self) -> TensorMap {
+        let Parts { actor, observation, goal } = &*self.parts;
+        let mut tensors = TensorMap::default();
+        tensors.insert_network("actor", actor);
+        for (name, normalizer) in [("observation", observation), ("goal", goal)] {
+            tensors.insert(format!("{name}.mean"), Tensor::f32(vec![normalizer.dim()], normalizer.mean().to_vec()));
+            tensors.insert(format!("{name}.std"), Tensor::f32(vec![normalizer.dim()], normalizer.std().to_vec()));
+        }
+        tensors
+    }
+}
