@@ -1,1 +1,51 @@
-//! eigenhand-synergy
+//! Postural synergies: the database of successful postures, the principal component analysis of it, the penalty that
+//! feeds the approximation error back into a reward, and the files a controller takes home.
+//!
+//! The crate knows nothing of learning, simulation or any particular hand: a posture is a row of numbers, one for each
+//! named joint.
+//!
+//! ```
+//! use eigenhand_synergy::{JointInfo, Synergy, Unit};
+//!
+//! let joints = ["bend", "curl"].map(|name| JointInfo {
+//!     name: name.to_owned(),
+//!     unit: Unit::Radian,
+//!     lower: 0.0,
+//!     upper: 1.6,
+//! });
+//! let postures = [[0.1, 0.2], [0.5, 0.6], [0.9, 1.0]];
+//! let synergy = Synergy::fit(&joints, &postures, 1)?;
+//!
+//! let z = synergy.encode(&[0.7, 0.8]);
+//! let q = synergy.decode(&z);
+//! assert!((q[0] - 0.7).abs() < 1e-12 && (q[1] - 0.8).abs() < 1e-12);
+//! assert!(synergy.error(&[0.7, 0.8]) < 1e-12);
+//! # Ok::<(), eigenhand_synergy::SynergyError>(())
+//! ```
+
+#![forbid(unsafe_code)]
+
+mod actuation;
+mod atomic;
+mod compare;
+mod covariance;
+mod database;
+mod error;
+mod export;
+mod file;
+mod joint;
+mod npy;
+mod pca;
+mod penalty;
+mod projector;
+
+pub use actuation::ActuationMap;
+pub use compare::{cumulative_explained_variance, principal_angles};
+pub use covariance::RunningCovariance;
+pub use database::{PostureDatabase, PostureRecord};
+pub use error::SynergyError;
+pub use export::{Import, export, import};
+pub use file::{SCHEMA, SynergyFile};
+pub use joint::{JointInfo, Unit};
+pub use pca::Synergy;
+pub use penalty::{Feedback, PenaltyConfig, PenaltyForm};

@@ -1,0 +1,107 @@
+//! A directory that is there whole or not at all.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use crate::SynergyError;
+use crate::export::is_export_file;
+
+/// Replaces the directory `dir` by one that holds `files`.
+///
+/// # Errors
+/// A directory at `dir` with an entry that no export writes, or a failure of the file system; `dir` is then as it was.
+pub(crate) fn replace_directory(dir: &Path, files: &[(&str, Vec<u8>)]) -> Result<(), SynergyError> {
+    // A symbolic link stays one: what it points at is replaced.
+    let target = fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned());
+    let exists = fs::symlink_metadata(&target).is_ok();
+    if exists {
+        check_replaceable(&target)?;
+    }
+    let parent = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(parent).map_err(SynergyError::io("create", parent))?;
+    let fresh = Scratch::create(&target, parent, "new")?;
+    for (name, bytes) in files {
+        write_synced(&fresh.path.join(name), bytes)?;
+    }
+    sync_directory(&fresh.path)?;
+    if exists {
+        let old = Scratch::create(&target, parent, "old")?;
+        let aside = old.path.join("synergy");
+        fs::rename(&target, &aside).map_err(SynergyError::io("move aside", &target))?;
+        if let Err(error) = fs::rename(&fresh.path, &target) {
+            if let Err(error) = fs::rename(&aside, &target) {
+                // Better a stray copy of the earlier export than none.
+                std::mem::forget(old);
+                return Err(SynergyError::io("restore", aside)(error));
+            }
+            return Err(SynergyError::io("replace", &target)(error));
+        }
+    } else {
+        fs::rename(&fresh.path, &target).map_err(SynergyError::io("rename into place", &target))?;
+    }
+    sync_directory(parent)
+}
+
+fn check_replaceable(dir: &Path) -> Result<(), SynergyError> {
+    for entry in fs::read_dir(dir).map_err(SynergyError::io("list", dir))? {
+        let name = entry.map_err(SynergyError::io("list", dir))?.file_name();
+        if !name.to_str().is_some_and(is_export_file) {
+            return Err(SynergyError::NotAnExport { path: dir.to_owned(), found: name.to_string_lossy().into_owned() });
+        }
+    }
+    Ok(())
+}
+
+fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), SynergyError> {
+    let inner = || {
+        let mut file = File::create(path)?;
+        file.write_all(bytes)?;
+        file.sync_all()
+    };
+    inner().map_err(SynergyError::io("write", path))
+}
+
+#[cfg(unix)]
+fn sync_directory(dir: &Path) -> Result<(), SynergyError> {
+    File::open(dir).and_then(|dir| dir.sync_all()).map_err(SynergyError::io("sync", dir))
+}
+
+#[cfg(not(unix))]
+fn sync_directory(_dir: &Path) -> Result<(), SynergyError> {
+    Ok(())
+}
+
+/// A directory beside the target, removed with its content when dropped.
+struct Scratch {
+    path: PathBuf,
+}
+
+impl Scratch {
+    fn create(target: &Path, parent: &Path, purpose: &str) -> Result<Self, SynergyError> {
+        let Some(name) = target.file_name() else {
+            let error = io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a name");
+            return Err(SynergyError::io("create", target)(error));
+        };
+        let mut attempt = 0;
+        loop {
+            let path =
+                parent.join(format!(".{}.{purpose}-{}-{attempt}", name.to_string_lossy(), std::process::id()));
+            match fs::create_dir(&path) {
+                Ok(()) => return Ok(Scratch { path }),
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => attempt += 1,
+                Err(error) => return Err(SynergyError::io("create", path)(error)),
+            }
+        }
+    }
+}
+
+impl Drop for Scratch {
+    fn drop(&mut self) {
+        // After a rename there is nothing left; a leftover is harmless, and the error that led here matters more.
+        let _ = fs::remove_dir_all(&self.path);
+    }
+}

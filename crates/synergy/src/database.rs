@@ -1,0 +1,332 @@
+//! The posture database: one row of an SQLite table for each successful training episode.
+//!
+//! The file is meant to be opened by people too. Table `posture` has the columns `id, episode, object, lambda, seed,
+//! step, goal_x, goal_y, goal_z` and then one for each joint, under the joint's own name (a name that is taken, as
+//! SQLite compares columns without regard to case, gets `#2`, `#3` ... appended). Table `joint` lists the joints in
+//! order with their column, unit and limits.
+
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use rusqlite::types::Value;
+use rusqlite::{Connection, ErrorCode, OpenFlags, Row, TransactionBehavior, params_from_iter};
+
+use crate::SynergyError;
+use crate::joint::{JointInfo, Unit, check_joints, check_posture, check_same_joints};
+
+mod columns;
+use columns::{RECORD_COLUMNS, column_names, quoted};
+
+/// Marks an SQLite file as a posture database (`PRAGMA application_id`).
+const APPLICATION_ID: i32 = 0x4547_4e48;
+
+/// The version of the tables (`PRAGMA user_version`).
+const SCHEMA_VERSION: i32 = 1;
+
+/// How long a statement waits for another process that holds the file.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// One successful training episode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PostureRecord {
+    /// The posture that succeeded, in the order of the database's joints.
+    pub posture: Vec<f64>,
+    /// The name of the object that was grasped.
+    pub object: String,
+    /// The number of the training episode.
+    pub episode: u64,
+    /// The coefficient of the approximation error at the time.
+    pub lambda: f64,
+    /// The run's seed. SQLite shows one above 2^63 - 1 as its two's complement.
+    pub seed: u64,
+    /// The goal of the object's centre, in metres.
+    pub goal: [f64; 3],
+    /// The control step of the episode at which the posture was taken.
+    pub step: u32,
+}
+
+/// The database of successful postures.
+#[derive(Debug)]
+pub struct PostureDatabase {
+    path: PathBuf,
+    connection: Connection,
+    joints: Vec<JointInfo>,
+    columns: Vec<String>,
+}
+
+impl PostureDatabase {
+    /// Creates the database at `path`, or opens the one that is there.
+    ///
+    /// # Errors
+    /// A bad joint list; a file of another kind or version, or a damaged one; a database whose joints have other names
+    /// or units (the limits stay as they were when it was created).
+    pub fn open(path: impl AsRef<Path>, joints: &[JointInfo]) -> Result<Self, SynergyError> {
+        let path = path.as_ref();
+        let inner = || {
+            check_joints(joints)?;
+            let mut connection = connect(OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE, path)?;
+            if is_blank(&connection)? {
+                connection.pragma_update(None, "journal_mode", "WAL")?;
+                create(&mut connection, joints)?;
+            }
+            let database = Self::read(path, connection)?;
+            check_same_joints(joints, &database.joints)?;
+            Ok(database)
+        };
+        inner().map_err(|error: SynergyError| recognise(error).in_file(path))
+    }
+
+    /// Opens the database at `path`, which must exist.
+    ///
+    /// # Errors
+    /// No file, a file of another kind or version, or a damaged one.
+    pub fn open_existing(path: impl AsRef<Path>) -> Result<Self, SynergyError> {
+        let path = path.as_ref();
+        let inner = || {
+            std::fs::metadata(path).map_err(SynergyError::io("open", path))?;
+            let connection = connect(OpenFlags::SQLITE_OPEN_READ_WRITE, path)?;
+            if is_blank(&connection)? {
+                return Err(SynergyError::NotADatabase { reason: "the file is empty".to_owned() });
+            }
+            Self::read(path, connection)
+        };
+        inner().map_err(|error| match error {
+            SynergyError::Io { .. } => error,
+            error => recognise(error).in_file(path),
+        })
+    }
+
+    fn read(path: &Path, connection: Connection) -> Result<Self, SynergyError> {
+        check_kind(&connection)?;
+        connection.pragma_update(None, "synchronous", "NORMAL")?;
+        let (joints, columns) = read_joints(&connection)?;
+        check_joints(&joints)?;
+        Ok(PostureDatabase { path: path.to_owned(), connection, joints, columns })
+    }
+
+    /// Returns the joints, in the order of a posture's numbers.
+    pub fn joints(&self) -> &[JointInfo] {
+        &self.joints
+    }
+
+    /// Returns the path of the file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Appends `records`, all or none.
+    ///
+    /// # Errors
+    /// A record with a posture of the wrong length, or with a number that is not finite; a failure of SQLite.
+    pub fn insert_all(&mut self, records: &[PostureRecord]) -> Result<(), SynergyError> {
+        let n_joints = self.joints.len();
+        let names: Vec<String> =
+            RECORD_COLUMNS.iter().map(|name| (*name).to_owned()).chain(self.quoted_joints()).collect();
+        let places = vec!["?"; names.len()].join(", ");
+        let sql = format!("INSERT INTO posture ({}) VALUES ({places})", names.join(", "));
+        let connection = &mut self.connection;
+        let mut inner = || {
+            let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            {
+                let mut statement = transaction.prepare_cached(&sql)?;
+                for (row, record) in records.iter().enumerate() {
+                    check_posture(&record.posture, n_joints, row)?;
+                    statement.execute(params_from_iter(to_values(record)?))?;
+                }
+            }
+            Ok(transaction.commit()?)
+        };
+        inner().map_err(|error: SynergyError| recognise(error).in_file(&self.path))
+    }
+
+    /// Returns the number of postures.
+    ///
+    /// # Errors
+    /// A failure of SQLite.
+    pub fn len(&self) -> Result<usize, SynergyError> {
+        let count: i64 = self.run(|c| Ok(c.query_row("SELECT count(*) FROM posture", [], |row| row.get(0))?))?;
+        Ok(count as usize)
+    }
+
+    /// Tells whether there is no posture.
+    ///
+    /// # Errors
+    /// A failure of SQLite.
+    pub fn is_empty(&self) -> Result<bool, SynergyError> {
+        Ok(self.len()? == 0)
+    }
+
+    /// Returns all records, in the order of their insertion.
+    ///
+    /// # Errors
+    /// A failure of SQLite, or a row that this crate did not write.
+    pub fn load(&self) -> Result<Vec<PostureRecord>, SynergyError> {
+        let names: Vec<String> =
+            RECORD_COLUMNS.iter().map(|name| (*name).to_owned()).chain(self.quoted_joints()).collect();
+        self.select(&names, |row| from_row(row, self.joints.len()))
+    }
+
+    /// Returns all postures, in the order of their insertion.
+    ///
+    /// # Errors
+    /// As [`PostureDatabase::load`].
+    pub fn postures(&self) -> Result<Vec<Vec<f64>>, SynergyError> {
+        let names: Vec<String> = self.quoted_joints().collect();
+        self.select(&names, |row| (0..self.joints.len()).map(|i| row.get(i)).collect())
+    }
+
+    /// Deletes the records whose episode is `episode` or later, and returns how many there were: a run that resumes
+    /// from a checkpoint plays these episodes again.
+    ///
+    /// # Errors
+    /// A failure of SQLite.
+    pub fn truncate_from_episode(&mut self, episode: u64) -> Result<usize, SynergyError> {
+        let Ok(episode) = i64::try_from(episode) else { return Ok(0) };
+        self.run(|connection| Ok(connection.execute("DELETE FROM posture WHERE episode >= ?", [episode])?))
+    }
+
+    /// The joints' columns; the table's name keeps SQLite from ever reading one as a string.
+    fn quoted_joints(&self) -> impl Iterator<Item = String> {
+        self.columns.iter().map(|column| quoted(column))
+    }
+
+    fn select<T>(
+        &self,
+        names: &[String],
+        read: impl Fn(&Row<'_>) -> rusqlite::Result<T>,
+    ) -> Result<Vec<T>, SynergyError> {
+        let names: Vec<String> = names.iter().map(|name| format!("posture.{name}")).collect();
+        let sql = format!("SELECT {} FROM posture ORDER BY id", names.join(", "));
+        self.run(|connection| {
+            let mut statement = connection.prepare_cached(&sql)?;
+            let rows = statement.query_map([], |row| read(row))?;
+            Ok(rows.collect::<Result<Vec<T>, _>>()?)
+        })
+    }
+
+    fn run<T>(&self, query: impl FnOnce(&Connection) -> Result<T, SynergyError>) -> Result<T, SynergyError> {
+        query(&self.connection).map_err(|error| recognise(error).in_file(&self.path))
+    }
+}
+
+fn connect(flags: OpenFlags, path: &Path) -> Result<Connection, SynergyError> {
+    let connection = Connection::open_with_flags(path, flags | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
+    connection.busy_timeout(BUSY_TIMEOUT)?;
+    Ok(connection)
+}
+
+/// Tells whether the file holds nothing yet.
+fn is_blank(connection: &Connection) -> Result<bool, SynergyError> {
+    Ok(connection.query_row("SELECT count(*) = 0 FROM sqlite_schema", [], |row| row.get(0))?
+        && pragma(connection, "application_id")? == 0)
+}
+
+fn pragma(connection: &Connection, name: &str) -> Result<i32, SynergyError> {
+    Ok(connection.pragma_query_value(None, name, |row| row.get(0))?)
+}
+
+fn check_kind(connection: &Connection) -> Result<(), SynergyError> {
+    if pragma(connection, "application_id")? != APPLICATION_ID {
+        return Err(SynergyError::NotADatabase { reason: "an SQLite file of another program".to_owned() });
+    }
+    let version = pragma(connection, "user_version")?;
+    if version != SCHEMA_VERSION {
+        return Err(SynergyError::Schema {
+            what: "the posture database",
+            expected: i64::from(SCHEMA_VERSION),
+            got: i64::from(version),
+        });
+    }
+    let verdict: String = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0))?;
+    if verdict == "ok" { Ok(()) } else { Err(SynergyError::Damaged { reason: verdict }) }
+}
+
+fn create(connection: &mut Connection, joints: &[JointInfo]) -> Result<(), SynergyError> {
+    let columns = column_names(joints);
+    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    let postures: String = columns.iter().map(|column| format!(", {} REAL NOT NULL", quoted(column))).collect();
+    transaction.execute_batch(&format!(
+        "CREATE TABLE joint (position INTEGER PRIMARY KEY, name TEXT NOT NULL, column_name TEXT NOT NULL,
+             unit TEXT NOT NULL, lower REAL NOT NULL, upper REAL NOT NULL);
+         CREATE TABLE posture (id INTEGER PRIMARY KEY AUTOINCREMENT, episode INTEGER NOT NULL, object TEXT NOT NULL,
+             lambda REAL NOT NULL, seed INTEGER NOT NULL, step INTEGER NOT NULL, goal_x REAL NOT NULL,
+             goal_y REAL NOT NULL, goal_z REAL NOT NULL{postures});
+         CREATE INDEX posture_episode ON posture (episode);"
+    ))?;
+    for (position, (joint, column)) in joints.iter().zip(&columns).enumerate() {
+        let JointInfo { name, unit, lower, upper } = joint;
+        transaction.execute(
+            "INSERT INTO joint VALUES (?, ?, ?, ?, ?, ?)",
+            (position as i64, name, column, unit.symbol(), lower, upper),
+        )?;
+    }
+    transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
+    transaction.pragma_update(None, "user_version", SCHEMA_VERSION)?;
+    Ok(transaction.commit()?)
+}
+
+fn read_joints(connection: &Connection) -> Result<(Vec<JointInfo>, Vec<String>), SynergyError> {
+    let mut statement =
+        connection.prepare("SELECT name, unit, lower, upper, column_name FROM joint ORDER BY position")?;
+    let rows = statement.query_map([], |row| {
+        let unit: String = row.get(1)?;
+        Ok((row.get::<_, String>(0)?, unit, row.get::<_, f64>(2)?, row.get::<_, f64>(3)?, row.get::<_, String>(4)?))
+    })?;
+    let mut joints = Vec::new();
+    let mut columns = Vec::new();
+    for row in rows {
+        let (name, symbol, lower, upper, column) = row?;
+        let Some(unit) = Unit::from_symbol(&symbol) else {
+            let message = format!("joint {name:?} has the unit {symbol:?}; expected \"rad\" or \"m\"");
+            return Err(SynergyError::Joints { message });
+        };
+        joints.push(JointInfo { name, unit, lower, upper });
+        columns.push(column);
+    }
+    Ok((joints, columns))
+}
+
+/// (a record) => its values, in the order of `RECORD_COLUMNS` and then the joints
+fn to_values(record: &PostureRecord) -> Result<Vec<Value>, SynergyError> {
+    let PostureRecord { posture, object, episode, lambda, seed, goal, step } = record;
+    for (name, value) in [("lambda", lambda), ("goal_x", &goal[0]), ("goal_y", &goal[1]), ("goal_z", &goal[2])] {
+        if !value.is_finite() {
+            return Err(SynergyError::invalid(name, "a finite number", value));
+        }
+    }
+    let episode =
+        i64::try_from(*episode).map_err(|_| SynergyError::invalid("episode", "at most 2^63 - 1", episode))?;
+    let mut values = vec![
+        Value::Integer(episode),
+        Value::Text(object.clone()),
+        Value::Real(*lambda),
+        Value::Integer(seed.cast_signed()),
+        Value::Integer(i64::from(*step)),
+    ];
+    values.extend(goal.iter().chain(posture).map(|value| Value::Real(*value)));
+    Ok(values)
+}
+
+fn from_row(row: &Row<'_>, n_joints: usize) -> rusqlite::Result<PostureRecord> {
+    let first = RECORD_COLUMNS.len();
+    Ok(PostureRecord {
+        episode: row.get::<_, i64>(0)?.cast_unsigned(),
+        object: row.get(1)?,
+        lambda: row.get(2)?,
+        seed: row.get::<_, i64>(3)?.cast_unsigned(),
+        step: row.get(4)?,
+        goal: [row.get(5)?, row.get(6)?, row.get(7)?],
+        posture: (first..first + n_joints).map(|i| row.get(i)).collect::<Result<_, _>>()?,
+    })
+}
+
+/// Gives SQLite's two errors that speak of the file, rather than of a statement, their own kinds.
+fn recognise(error: SynergyError) -> SynergyError {
+    let SynergyError::Sqlite(rusqlite::Error::SqliteFailure(code, _)) = &error else { return error };
+    let reason = error.to_string();
+    match code.code {
+        ErrorCode::NotADatabase => SynergyError::NotADatabase { reason },
+        ErrorCode::DatabaseCorrupt => SynergyError::Damaged { reason },
+        _ => error,
+    }
+}

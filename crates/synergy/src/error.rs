@@ -1,0 +1,161 @@
+//! The crate's one error type.
+
+use std::path::PathBuf;
+
+/// What can go wrong in this crate.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum SynergyError {
+    /// A joint list that cannot name the columns of a posture.
+    #[error("bad joint list: {message}")]
+    Joints {
+        /// What is wrong with it.
+        message: String,
+    },
+    /// Two joint lists that should name the same coordinates do not.
+    #[error("the joints differ: expected {expected}; got {got}. Use the hand that the postures were made with")]
+    JointMismatch {
+        /// The joints that were asked for.
+        expected: String,
+        /// The joints that were found.
+        got: String,
+    },
+    /// A posture of the wrong length.
+    #[error("posture {row} has {got} numbers; expected {expected}, one for each joint")]
+    PostureLength {
+        /// The posture's index in what was given.
+        row: usize,
+        /// The number of joints.
+        expected: usize,
+        /// The posture's length.
+        got: usize,
+    },
+    /// A posture with a number that is not finite.
+    #[error("posture {row} holds {got} in column {column}; every number must be finite")]
+    NonFinitePosture {
+        /// The posture's index in what was given.
+        row: usize,
+        /// The joint's index.
+        column: usize,
+        /// The number.
+        got: f64,
+    },
+    /// Too few postures for a covariance.
+    #[error("a principal component analysis needs at least {expected} postures; got {got}")]
+    TooFewPostures {
+        /// The least number.
+        expected: usize,
+        /// The number given.
+        got: usize,
+    },
+    /// A synergy space without components.
+    #[error("a synergy space needs at least one component; ask for 1 or more")]
+    NoComponents,
+    /// The eigenvalue or singular value iteration failed.
+    #[error("the decomposition of the {what} did not converge; look for enormous numbers among the postures")]
+    Decomposition {
+        /// What was decomposed.
+        what: &'static str,
+    },
+    /// Postures that do not vary, where a share of their variance was asked for.
+    #[error("the postures do not vary, so no share of their variance can be given; pass postures that differ")]
+    NoVariance,
+    /// A penalty that is not usable.
+    #[error("penalty: {name} is {got}; expected {expected}")]
+    Penalty {
+        /// The setting.
+        name: &'static str,
+        /// What it may be.
+        expected: String,
+        /// What it is.
+        got: f64,
+    },
+    /// A number, a length or a relation in a synergy that is not as it must be.
+    #[error("bad synergy: {name}: expected {expected}, got {got}")]
+    Invalid {
+        /// The field.
+        name: String,
+        /// What it must be.
+        expected: String,
+        /// What it is.
+        got: String,
+    },
+    /// An error in a file: the source says which.
+    #[error("{path}: {source}", path = path.display())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        #[source]
+        source: Box<SynergyError>,
+    },
+    /// Reading or writing failed.
+    #[error("cannot {action} {path}: {source}", path = path.display())]
+    Io {
+        /// The verb: read, write, rename ...
+        action: &'static str,
+        /// The file or directory.
+        path: PathBuf,
+        /// The operating system's error.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A text that is not TOML, or whose fields are missing or of the wrong type.
+    #[error("not a synergy file: {0}")]
+    Toml(#[from] toml::de::Error),
+    /// A value that TOML cannot hold.
+    #[error("cannot be written as TOML: {0}")]
+    TomlWrite(#[from] toml::ser::Error),
+    /// A file of another version.
+    #[error("{what} has schema {got}; this program reads schema {expected}. Read it with the version that wrote it")]
+    Schema {
+        /// What kind of file.
+        what: &'static str,
+        /// The version this program reads.
+        expected: i64,
+        /// The version of the file.
+        got: i64,
+    },
+    /// A file that is no posture database.
+    #[error("not a posture database ({reason}); give the path of a postures.sqlite, or one that does not exist yet")]
+    NotADatabase {
+        /// How it differs.
+        reason: String,
+    },
+    /// A posture database whose pages are damaged.
+    #[error("the posture database is damaged ({reason}); restore it from a copy, or save what `sqlite3 FILE .recover` finds")]
+    Damaged {
+        /// What the integrity check said.
+        reason: String,
+    },
+    /// SQLite refused.
+    #[error("SQLite: {0}")]
+    Sqlite(#[from] rusqlite::Error),
+    /// An export would replace a directory that holds something else.
+    #[error(
+        "{path} exists and holds {found:?}, which no export writes; choose another directory, or remove this one",
+        path = path.display()
+    )]
+    NotAnExport {
+        /// The directory.
+        path: PathBuf,
+        /// The first foreign entry.
+        found: String,
+    },
+}
+
+impl SynergyError {
+    /// Names the file in which the error was found.
+    pub(crate) fn in_file(self, path: impl Into<PathBuf>) -> Self {
+        SynergyError::InFile { path: path.into(), source: Box::new(self) }
+    }
+
+    pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| SynergyError::Io { action, path, source }
+    }
+
+    pub(crate) fn invalid(name: impl Into<String>, expected: impl Into<String>, got: impl ToString) -> Self {
+        SynergyError::Invalid { name: name.into(), expected: expected.into(), got: got.to_string() }
+    }
+}

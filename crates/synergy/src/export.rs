@@ -1,0 +1,122 @@
+//! The directory a controller takes home: `synergy.toml` and the same arrays as NPY.
+
+use std::path::Path;
+
+use crate::joint::check_posture;
+use crate::{Synergy, SynergyError, SynergyFile, atomic, npy};
+
+const TOML: &str = "synergy.toml";
+const POSTURES: &str = "postures.npy";
+
+/// A reader of an array of a synergy: (synergy) => (shape, values in C order).
+type Array = fn(&Synergy) -> (Vec<usize>, &[f64]);
+
+/// The arrays that are in `synergy.toml` too.
+const ARRAYS: [(&str, Array); 4] = [
+    ("components.npy", |s| (vec![s.n_components(), s.n_joints()], s.components())),
+    ("mean.npy", |s| (vec![s.n_joints()], s.mean())),
+    ("explained_variance.npy", |s| (vec![s.n_components()], s.explained_variance())),
+    ("contribution.npy", |s| (vec![s.n_components()], s.contribution())),
+];
+
+/// What [`import`] reads.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Import {
+    /// The content of `synergy.toml`.
+    pub file: SynergyFile,
+    /// The postures, N x n.
+    pub postures: Vec<Vec<f64>>,
+}
+
+/// Writes the directory `dir`: `synergy.toml`, `components.npy` (k x n), `mean.npy` (n), `explained_variance.npy` (k),
+/// `contribution.npy` (k) and `postures.npy` (N x n), float64 in C order.
+///
+/// The files are written under a temporary name beside `dir`, which is then renamed: an interrupted export leaves no
+/// half-written one. An earlier export at `dir` is replaced.
+///
+/// # Errors
+/// Postures that are not as many or as long as the space says, all that [`SynergyFile::to_toml`] refuses, a directory
+/// at `dir` that holds anything but an export, or a failure to write.
+pub fn export<P: AsRef<[f64]>>(
+    dir: impl AsRef<Path>,
+    file: &SynergyFile,
+    postures: &[P],
+) -> Result<(), SynergyError> {
+    let dir = dir.as_ref();
+    let synergy = &file.synergy;
+    let n_joints = synergy.n_joints();
+    check_count(postures.len(), synergy)?;
+    for (row, posture) in postures.iter().enumerate() {
+        check_posture(posture.as_ref(), n_joints, row)?;
+    }
+    let encode = |name: &str, shape: &[usize], values: &mut dyn Iterator<Item = f64>| {
+        npy::to_bytes(shape, values).map_err(SynergyError::io("encode", dir.join(name)))
+    };
+    let mut files = vec![(TOML, file.to_toml()?.into_bytes())];
+    for (name, array) in ARRAYS {
+        let (shape, values) = array(synergy);
+        files.push((name, encode(name, &shape, &mut values.iter().copied())?));
+    }
+    let mut values = postures.iter().flat_map(|posture| posture.as_ref().iter().copied());
+    files.push((POSTURES, encode(POSTURES, &[postures.len(), n_joints], &mut values)?));
+    atomic::replace_directory(dir, &files)
+}
+
+/// Reads a directory that [`export`] wrote.
+///
+/// # Errors
+/// A file that is missing or malformed, an array that is not the one in `synergy.toml`, or all that
+/// [`SynergyFile::read`] refuses.
+pub fn import(dir: impl AsRef<Path>) -> Result<Import, SynergyError> {
+    let dir = dir.as_ref();
+    let file = SynergyFile::read(dir.join(TOML))?;
+    let synergy = &file.synergy;
+    for (name, array) in ARRAYS {
+        let path = dir.join(name);
+        let (shape, values) = read_npy(&path)?;
+        let (expected_shape, expected) = array(synergy);
+        check_shape(name, &shape, &expected_shape).map_err(|error| error.in_file(&path))?;
+        if let Some(i) = (0..expected.len()).find(|&i| values[i].to_bits() != expected[i].to_bits()) {
+            let wanted = format!("{}, as {TOML} has it", expected[i]);
+            return Err(SynergyError::invalid(format!("{name}, number {i}"), wanted, values[i]).in_file(path));
+        }
+    }
+    let path = dir.join(POSTURES);
+    let (shape, values) = read_npy(&path)?;
+    let n_joints = synergy.n_joints();
+    let inner = || {
+        check_shape(POSTURES, &shape, &[synergy.n_postures(), n_joints])?;
+        let postures: Vec<Vec<f64>> = values.chunks_exact(n_joints).map(<[f64]>::to_vec).collect();
+        for (row, posture) in postures.iter().enumerate() {
+            check_posture(posture, n_joints, row)?;
+        }
+        Ok(postures)
+    };
+    let postures = inner().map_err(|error: SynergyError| error.in_file(path))?;
+    Ok(Import { file, postures })
+}
+
+fn read_npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>), SynergyError> {
+    let bytes = std::fs::read(path).map_err(SynergyError::io("read", path))?;
+    npy::from_bytes(&bytes).map_err(SynergyError::io("decode", path))
+}
+
+fn check_shape(name: &str, got: &[usize], expected: &[usize]) -> Result<(), SynergyError> {
+    if got == expected {
+        return Ok(());
+    }
+    Err(SynergyError::invalid(format!("shape of {name}"), format!("{expected:?}"), format!("{got:?}")))
+}
+
+fn check_count(n_postures: usize, synergy: &Synergy) -> Result<(), SynergyError> {
+    if n_postures == synergy.n_postures() {
+        return Ok(());
+    }
+    let expected = format!("{}, as many as the space was fitted to", synergy.n_postures());
+    Err(SynergyError::invalid("number of postures", expected, n_postures))
+}
+
+/// Tells whether an export writes a file of this name.
+pub(crate) fn is_export_file(name: &str) -> bool {
+    name == TOML || name == POSTURES || ARRAYS.iter().any(|(array, _)| *array == name)
+}

@@ -1,0 +1,178 @@
+//! `synergy.toml`: all of a synergy in one readable file.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::pca::{SynergyParts, check_numbers};
+use crate::{ActuationMap, JointInfo, Synergy, SynergyError};
+
+/// The version of `synergy.toml`.
+pub const SCHEMA: i64 = 1;
+
+/// How far a derived number in the file may be from the one recomputed from the others.
+const DERIVED_TOLERANCE: f64 = 1e-9;
+
+/// The content of `synergy.toml`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SynergyFile {
+    /// The hand's name.
+    pub hand: String,
+    /// The space, with the range of its coefficients.
+    pub synergy: Synergy,
+    /// The map from a posture to actuator commands, where one is known.
+    pub actuation: Option<ActuationMap>,
+    /// Where the numbers come from: any keys and texts.
+    pub provenance: BTreeMap<String, String>,
+}
+
+impl SynergyFile {
+    /// Returns the text of the file. Numbers read back from it are the same to the last bit.
+    ///
+    /// # Errors
+    /// A space whose coefficients' range is unknown, or an actuation map that does not fit the joints.
+    pub fn to_toml(&self) -> Result<String, SynergyError> {
+        let synergy = &self.synergy;
+        check_numbers("coefficient_min", synergy.coefficient_min(), synergy.n_components())?;
+        check_numbers("coefficient_max", synergy.coefficient_max(), synergy.n_components())?;
+        let mut text = String::from(HEADER);
+        put(&mut text, "schema", &SCHEMA)?;
+        put(&mut text, "hand", &self.hand)?;
+        put(&mut text, "n_postures", &synergy.n_postures())?;
+        put_rows(&mut text, "joints", synergy.joints())?;
+        put(&mut text, "mean", &synergy.mean())?;
+        put_rows(&mut text, "components", synergy.components().chunks_exact(synergy.n_joints()))?;
+        put(&mut text, "explained_variance", &synergy.explained_variance())?;
+        put(&mut text, "contribution", &synergy.contribution())?;
+        put(&mut text, "coefficient_min", &synergy.coefficient_min())?;
+        put(&mut text, "coefficient_max", &synergy.coefficient_max())?;
+        put(&mut text, "total_variance", &synergy.total_variance())?;
+        put(&mut text, "eigenvalues", &synergy.eigenvalues())?;
+        if let Some(actuation) = &self.actuation {
+            actuation.validate(synergy.n_joints())?;
+            text.push_str("\n[actuation]\n");
+            put(&mut text, "actuators", &actuation.actuators)?;
+            put(&mut text, "control_min", &actuation.control_min)?;
+            put(&mut text, "control_max", &actuation.control_max)?;
+            put_rows(&mut text, "matrix", &actuation.matrix)?;
+            put(&mut text, "offset", &actuation.offset)?;
+        }
+        text.push('\n');
+        text.push_str(&toml::to_string(&BTreeMap::from([("provenance", &self.provenance)]))?);
+        Ok(text)
+    }
+
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// A text that is not TOML, another schema, a missing field, a wrong length, a number that is not finite, rows that
+    /// are not orthonormal, or derived numbers that contradict the others.
+    pub fn from_toml(text: &str) -> Result<Self, SynergyError> {
+        let SchemaOnly { schema } = toml::from_str(text)?;
+        if schema != SCHEMA {
+            return Err(SynergyError::Schema { what: "the synergy file", expected: SCHEMA, got: schema });
+        }
+        let record: SynergyRecord = toml::from_str(text)?;
+        let synergy = Synergy::from_parts(SynergyParts {
+            joints: record.joints,
+            mean: record.mean,
+            components: record.components,
+            eigenvalues: record.eigenvalues,
+            coefficient_min: record.coefficient_min,
+            coefficient_max: record.coefficient_max,
+            n_postures: record.n_postures,
+        })?;
+        check_derived("explained_variance", &record.explained_variance, synergy.explained_variance())?;
+        check_derived("contribution", &record.contribution, synergy.contribution())?;
+        check_derived("total_variance", &[record.total_variance], &[synergy.total_variance()])?;
+        if let Some(actuation) = &record.actuation {
+            actuation.validate(synergy.n_joints())?;
+        }
+        Ok(SynergyFile {
+            hand: record.hand,
+            synergy,
+            actuation: record.actuation,
+            provenance: record.provenance,
+        })
+    }
+
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// As [`SynergyFile::from_toml`], with the path; or a file that cannot be read.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self, SynergyError> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path).map_err(SynergyError::io("read", path))?;
+        Self::from_toml(&text).map_err(|error| error.in_file(path))
+    }
+}
+
+const HEADER: &str = "\
+# A postural synergy: few coefficients z for the whole posture q of a hand.
+#   decode   q = mean + z components, clamped to the joints' limits
+#   encode   z = (q - mean) components^T
+#   command  ctrl = matrix q + offset, clamped to the control ranges (section [actuation])
+# `components` has orthonormal rows; in each, the first entry of the largest absolute value is positive.
+# `explained_variance` is the sample variance along each row, `contribution` its share of `total_variance`.
+
+";
+
+#[derive(Deserialize)]
+struct SchemaOnly {
+    schema: i64,
+}
+
+#[derive(Deserialize)]
+struct SynergyRecord {
+    hand: String,
+    n_postures: usize,
+    joints: Vec<JointInfo>,
+    mean: Vec<f64>,
+    components: Vec<Vec<f64>>,
+    explained_variance: Vec<f64>,
+    contribution: Vec<f64>,
+    coefficient_min: Vec<f64>,
+    coefficient_max: Vec<f64>,
+    total_variance: f64,
+    eigenvalues: Vec<f64>,
+    actuation: Option<ActuationMap>,
+    #[serde(default)]
+    provenance: BTreeMap<String, String>,
+}
+
+fn put(text: &mut String, key: &str, value: &(impl Serialize + ?Sized)) -> Result<(), SynergyError> {
+    let mut line = String::new();
+    value.serialize(toml::ser::ValueSerializer::new(&mut line))?;
+    // Writing to a String cannot fail.
+    let _ = writeln!(text, "{key} = {line}");
+    Ok(())
+}
+
+/// Writes an array with one element a line: a matrix by rows.
+fn put_rows<T: Serialize>(
+    text: &mut String,
+    key: &str,
+    rows: impl IntoIterator<Item = T>,
+) -> Result<(), SynergyError> {
+    let _ = writeln!(text, "{key} = [");
+    for row in rows {
+        let mut line = String::new();
+        row.serialize(toml::ser::ValueSerializer::new(&mut line))?;
+        let _ = writeln!(text, "    {line},");
+    }
+    text.push_str("]\n");
+    Ok(())
+}
+
+fn check_derived(name: &str, stored: &[f64], computed: &[f64]) -> Result<(), SynergyError> {
+    check_numbers(name, stored, computed.len())?;
+    for (i, (stored, computed)) in stored.iter().zip(computed).enumerate() {
+        if (stored - computed).abs() > DERIVED_TOLERANCE * computed.abs() {
+            let expected = format!("{computed}, which follows from the eigenvalues");
+            return Err(SynergyError::invalid(format!("{name}[{i}]"), expected, stored));
+        }
+    }
+    Ok(())
+}

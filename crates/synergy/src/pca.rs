@@ -1,0 +1,361 @@
+//! The synergy space: a principal component analysis of postures.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, MatRef, Par, Side};
+
+use crate::SynergyError;
+use crate::covariance::{MIN_POSTURES, RunningCovariance};
+use crate::joint::{JointInfo, check_joints, check_posture};
+use crate::projector::Projector;
+
+mod parts;
+pub(crate) use parts::{SynergyParts, check_numbers};
+
+/// Entries of a component this close to its largest absolute value, relative to it, count as tied in the sign rule.
+const SIGN_TIE: f64 = 1e-9;
+
+/// A synergy space: the mean posture and the `k` orthonormal directions in which the postures vary most.
+///
+/// **Sign rule.** An eigenvector is determined up to its sign. Here the first entry whose absolute value is the
+/// row's largest (ties up to a relative 1e-9 go to the lower index) is positive.
+///
+/// # Source
+/// Section 2.2 (the space and the error `e`), section 3.1 (five components) and section 3.2 (contribution rates) of
+/// Higashi et al.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Synergy {
+    joints: Vec<JointInfo>,
+    mean: Vec<f64>,
+    components: Vec<f64>,
+    eigenvalues: Vec<f64>,
+    contribution: Vec<f64>,
+    coefficient_min: Vec<f64>,
+    coefficient_max: Vec<f64>,
+    n_postures: usize,
+    projector: Projector,
+}
+
+impl Synergy {
+    /// Fits the space of `k` components to `postures`.
+    ///
+    /// `k` is clamped to the number of joints. Fewer independent postures than `k` are no error: the components
+    /// beyond their rank have an explained variance of zero up to rounding, and are an arbitrary orthonormal completion.
+    ///
+    /// # Errors
+    /// A bad joint list, fewer than two postures, a posture of the wrong length or with a number that is not finite,
+    /// `k == 0`, or a decomposition that does not converge.
+    pub fn fit<P: AsRef<[f64]>>(joints: &[JointInfo], postures: &[P], k: usize) -> Result<Self, SynergyError> {
+        let n_joints = joints.len();
+        for (row, posture) in postures.iter().enumerate() {
+            check_posture(posture.as_ref(), n_joints, row)?;
+        }
+        if postures.len() < MIN_POSTURES {
+            return Err(SynergyError::TooFewPostures { expected: MIN_POSTURES, got: postures.len() });
+        }
+        let (mean, covariance) = mean_and_covariance(postures, n_joints);
+        let mut synergy = Self::decompose(joints, mean, &covariance, postures.len(), k)?;
+        synergy.set_coefficient_range(postures)?;
+        Ok(synergy)
+    }
+
+    /// Finds the space of `k` components of a running covariance; see [`Synergy::fit`] for `k`.
+    ///
+    /// The range of the coefficients is not known then: [`Synergy::coefficient_min`] and `_max` are empty until
+    /// [`Synergy::set_coefficient_range`].
+    ///
+    /// # Errors
+    /// As [`Synergy::fit`].
+    pub fn from_covariance(
+        joints: &[JointInfo],
+        covariance: &RunningCovariance,
+        k: usize,
+    ) -> Result<Self, SynergyError> {
+        if covariance.n_joints() != joints.len() {
+            return Err(SynergyError::PostureLength { row: 0, expected: joints.len(), got: covariance.n_joints() });
+        }
+        let matrix = covariance.covariance()?;
+        let matrix = MatRef::from_row_major_slice(&matrix, joints.len(), joints.len());
+        Self::decompose(joints, covariance.mean().to_vec(), &matrix.to_owned(), covariance.count(), k)
+    }
+
+    /// Sets the range of the coefficients to that of `postures`.
+    ///
+    /// # Errors
+    /// No posture, or one of the wrong length or with a number that is not finite; nothing changes then.
+    pub fn set_coefficient_range<P: AsRef<[f64]>>(&mut self, postures: &[P]) -> Result<(), SynergyError> {
+        if postures.is_empty() {
+            return Err(SynergyError::TooFewPostures { expected: 1, got: 0 });
+        }
+        let mut lowest = vec![f64::INFINITY; self.n_components()];
+        let mut highest = vec![f64::NEG_INFINITY; self.n_components()];
+        for (row, posture) in postures.iter().enumerate() {
+            check_posture(posture.as_ref(), self.n_joints(), row)?;
+            for ((low, high), z) in lowest.iter_mut().zip(&mut highest).zip(self.encode(posture.as_ref())) {
+                *low = low.min(z);
+                *high = high.max(z);
+            }
+        }
+        self.coefficient_min = lowest;
+        self.coefficient_max = highest;
+        Ok(())
+    }
+
+    /// (mean: n, symmetric covariance: n x n) => the space
+    fn decompose(
+        joints: &[JointInfo],
+        mean: Vec<f64>,
+        covariance: &Mat<f64>,
+        n_postures: usize,
+        k: usize,
+    ) -> Result<Self, SynergyError> {
+        check_joints(joints)?;
+        if k == 0 {
+            return Err(SynergyError::NoComponents);
+        }
+        let failed = || SynergyError::Decomposition { what: "covariance" };
+        if (0..covariance.ncols()).any(|j| covariance.col_as_slice(j).iter().any(|entry| !entry.is_finite())) {
+            return Err(failed());
+        }
+        let n_joints = joints.len();
+        let k = k.min(n_joints);
+        let decomposition = covariance.self_adjoint_eigen(Side::Lower).map_err(|_| failed())?;
+        // faer sorts eigenvalues upwards; those of a covariance are negative by rounding only.
+        let ascending = decomposition.S().column_vector();
+        let eigenvalues: Vec<f64> = (0..n_joints).rev().map(|i| ascending[i].max(0.0)).collect();
+        let mut components = Vec::with_capacity(k * n_joints);
+        for i in (n_joints - k..n_joints).rev() {
+            let column: Vec<f64> = decomposition.U().col(i).iter().copied().collect();
+            let sign = sign_of_largest(&column);
+            components.extend(column.iter().map(|loading| sign * loading));
+        }
+        let contribution = contribution_rates(&eigenvalues, k);
+        let projector = Projector::new(&mean, &components);
+        Ok(Synergy {
+            joints: joints.to_vec(),
+            mean,
+            components,
+            eigenvalues,
+            contribution,
+            coefficient_min: Vec::new(),
+            coefficient_max: Vec::new(),
+            n_postures,
+            projector,
+        })
+    }
+
+    /// Builds a space from numbers that were stored, after checking every length and relation between them.
+    pub(crate) fn from_parts(parts: SynergyParts) -> Result<Self, SynergyError> {
+        parts.check()?;
+        let SynergyParts { joints, mean, components, eigenvalues, coefficient_min, coefficient_max, n_postures } =
+            parts;
+        let contribution = contribution_rates(&eigenvalues, components.len());
+        let components = components.concat();
+        let projector = Projector::new(&mean, &components);
+        Ok(Synergy {
+            joints,
+            mean,
+            components,
+            eigenvalues,
+            contribution,
+            coefficient_min,
+            coefficient_max,
+            n_postures,
+            projector,
+        })
+    }
+
+    /// Returns the joints, in the order of a posture's numbers.
+    pub fn joints(&self) -> &[JointInfo] {
+        &self.joints
+    }
+
+    /// Returns the number of joints, `n`.
+    pub fn n_joints(&self) -> usize {
+        self.mean.len()
+    }
+
+    /// Returns the number of components, `k`.
+    pub fn n_components(&self) -> usize {
+        self.contribution.len()
+    }
+
+    /// Returns the number of postures that the space was fitted to.
+    pub fn n_postures(&self) -> usize {
+        self.n_postures
+    }
+
+    /// Returns the mean posture.
+    pub fn mean(&self) -> &[f64] {
+        &self.mean
+    }
+
+    /// Returns the components, orthonormal rows, by falling explained variance.
+    ///
+    /// # Shapes
+    /// k x n, row-major.
+    pub fn components(&self) -> &[f64] {
+        &self.components
+    }
+
+    /// Returns component `i`.
+    ///
+    /// # Panics
+    /// When `i` is not below [`Synergy::n_components`].
+    pub fn component(&self, i: usize) -> &[f64] {
+        &self.components[i * self.n_joints()..(i + 1) * self.n_joints()]
+    }
+
+    /// Returns the sample variance along each component: the `k` largest eigenvalues of the covariance.
+    pub fn explained_variance(&self) -> &[f64] {
+        &self.eigenvalues[..self.n_components()]
+    }
+
+    /// Returns all `n` eigenvalues of the covariance, falling.
+    pub fn eigenvalues(&self) -> &[f64] {
+        &self.eigenvalues
+    }
+
+    /// Returns the sum of all eigenvalues.
+    pub fn total_variance(&self) -> f64 {
+        self.eigenvalues.iter().sum()
+    }
+
+    /// Returns the contribution rates `r_i = l_i / sum of all eigenvalues` of the `k` components; zeros when the
+    /// postures do not vary.
+    ///
+    /// # Source
+    /// Section 3.2.
+    pub fn contribution(&self) -> &[f64] {
+        &self.contribution
+    }
+
+    /// Returns the sum of the contribution rates.
+    pub fn contribution_sum(&self) -> f64 {
+        self.contribution.iter().sum()
+    }
+
+    /// Returns the least coefficient of each component over the postures; empty while unknown.
+    pub fn coefficient_min(&self) -> &[f64] {
+        &self.coefficient_min
+    }
+
+    /// Returns the greatest coefficient of each component over the postures; empty while unknown.
+    pub fn coefficient_max(&self) -> &[f64] {
+        &self.coefficient_max
+    }
+
+    /// Projects a posture: `z = (q - mean) C^T`.
+    ///
+    /// # Panics
+    /// When `posture` has not one number for each joint.
+    pub fn encode(&self, posture: &[f64]) -> Vec<f64> {
+        self.assert_length(posture.len());
+        self.components
+            .chunks_exact(self.n_joints())
+            .map(|row| row.iter().zip(posture).zip(&self.mean).map(|((c, q), mean)| c * (q - mean)).sum())
+            .collect()
+    }
+
+    /// Returns the posture of a set of coefficients, clamped to the joints' limits: `q = clamp(mean + z C)`.
+    ///
+    /// # Panics
+    /// When `coefficients` has not one number for each component.
+    pub fn decode(&self, coefficients: &[f64]) -> Vec<f64> {
+        let mut posture = self.decode_unclamped(coefficients);
+        for (q, joint) in posture.iter_mut().zip(&self.joints) {
+            *q = q.clamp(joint.lower, joint.upper);
+        }
+        posture
+    }
+
+    /// Returns the posture of a set of coefficients, wherever it lies: `q = mean + z C`.
+    ///
+    /// # Panics
+    /// When `coefficients` has not one number for each component.
+    pub fn decode_unclamped(&self, coefficients: &[f64]) -> Vec<f64> {
+        assert_eq!(coefficients.len(), self.n_components(), "one coefficient for each component is needed");
+        let mut posture = self.mean.clone();
+        for (row, z) in self.components.chunks_exact(self.n_joints()).zip(coefficients) {
+            for (q, c) in posture.iter_mut().zip(row) {
+                *q += z * c;
+            }
+        }
+        posture
+    }
+
+    /// Returns what the space does not express of a posture: `q - (mean + encode(q) C)`.
+    ///
+    /// # Panics
+    /// When `posture` has not one number for each joint.
+    pub fn residual(&self, posture: &[f64]) -> Vec<f64> {
+        let projected = self.decode_unclamped(&self.encode(posture));
+        posture.iter().zip(projected).map(|(q, p)| q - p).collect()
+    }
+
+    /// Returns the approximation error `e` of a posture: the Euclidean norm of its residual over all joints.
+    ///
+    /// # Units
+    /// Those of the joints: radians, and metres where a joint slides.
+    ///
+    /// # Panics
+    /// When `posture` has not one number for each joint.
+    ///
+    /// # Source
+    /// Section 2.2.
+    pub fn error(&self, posture: &[f64]) -> f64 {
+        self.residual(posture).iter().map(|r| r * r).sum::<f64>().sqrt()
+    }
+
+    /// Returns the same error of a single-precision posture, without an allocation: what a reward calls.
+    ///
+    /// # Panics
+    /// When `posture` has not one number for each joint.
+    pub fn error_f32(&self, posture: &[f32]) -> f32 {
+        self.assert_length(posture.len());
+        self.projector.error(posture)
+    }
+
+    /// Returns the mean of [`Synergy::error`] over `postures`; 0 when there is none.
+    ///
+    /// # Panics
+    /// When a posture has not one number for each joint.
+    pub fn mean_error<P: AsRef<[f64]>>(&self, postures: &[P]) -> f64 {
+        let sum: f64 = postures.iter().map(|posture| self.error(posture.as_ref())).sum();
+        sum / postures.len().max(1) as f64
+    }
+
+    fn assert_length(&self, length: usize) {
+        assert_eq!(length, self.n_joints(), "one number for each joint is needed");
+    }
+}
+
+/// (postures: N x n, N >= 2) => (mean: n, sample covariance: n x n)
+fn mean_and_covariance<P: AsRef<[f64]>>(postures: &[P], n_joints: usize) -> (Vec<f64>, Mat<f64>) {
+    let mut mean = vec![0.0; n_joints];
+    for posture in postures {
+        for (sum, q) in mean.iter_mut().zip(posture.as_ref()) {
+            *sum += q;
+        }
+    }
+    for sum in &mut mean {
+        *sum /= postures.len() as f64;
+    }
+    let centred = Mat::from_fn(n_joints, postures.len(), |joint, row| postures[row].as_ref()[joint] - mean[joint]);
+    let mut covariance = Mat::zeros(n_joints, n_joints);
+    let scale = 1.0 / (postures.len() - 1) as f64;
+    matmul(&mut covariance, Accum::Replace, &centred, centred.transpose(), scale, Par::Seq);
+    (mean, covariance)
+}
+
+/// (eigenvalues, falling: n) => contribution rates of the first k
+fn contribution_rates(eigenvalues: &[f64], k: usize) -> Vec<f64> {
+    let total: f64 = eigenvalues.iter().sum();
+    eigenvalues[..k].iter().map(|l| if total > 0.0 { l / total } else { 0.0 }).collect()
+}
+
+/// (a component) => the factor, 1 or -1, that makes it obey the sign rule
+fn sign_of_largest(component: &[f64]) -> f64 {
+    let largest = component.iter().fold(0.0_f64, |largest, loading| largest.max(loading.abs()));
+    let first = component.iter().find(|loading| loading.abs() >= largest * (1.0 - SIGN_TIE));
+    if first.is_some_and(|loading| *loading < 0.0) { -1.0 } else { 1.0 }
+}
