@@ -1,1 +1,32 @@
-//! eigenhand-hands
+//! Robot hands as data: the manifest of a hand, its model file, and the registry that finds hands by name.
+//!
+//! A hand is a directory with a `hand.toml` ([`HandManifest`]) and a MuJoCo model that loads by itself. [`Hand::load`]
+//! reads both, resolves every name and range, and computes the digest of all files that make the hand what it is.
+//! [`Registry`] finds such directories. Nothing here needs MuJoCo, and nothing here knows any particular hand.
+#![forbid(unsafe_code)]
+
+mod actuation;
+mod closure;
+mod error;
+mod hand;
+mod manifest;
+mod mjcf;
+mod model;
+mod registry;
+mod schema;
+mod summary;
+
+pub use actuation::Actuation;
+pub use error::HandError;
+pub use hand::{
+    Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo,
+    Transmission,
+};
+pub use manifest::{HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide};
+pub use mjcf::{AngleUnit, Compiler};
+pub use registry::{PLUGINS_VARIABLE, Registry, RegistryEntry, SearchPath};
+pub use schema::{KeyInfo, keys};
+pub use summary::{HandSummary, SummaryValue, ValueOrigin};
+
+/// The MJCF tree of [`Hand::model`].
+pub use xmltree;

@@ -1,0 +1,129 @@
+//! The map from a posture to the commands that hold it.
+
+use serde::Serialize;
+
+use crate::hand::{Hand, HandActuator, Transmission};
+
+/// The affine map `ctrl = matrix * posture + offset`, one row for each actuator, the slide's first.
+///
+/// # Source
+/// At rest a position servo's force vanishes: `gain * ctrl = stiffness * length - bias`, and MuJoCo's actuator length is
+/// gear times joint position, or gear times the sum of coefficient and joint position for a fixed tendon.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Actuation {
+    /// Actuators in order, the slide's first and then the model's in document order.
+    pub actuators: Vec<String>,
+    /// Joints of the posture in order: the columns of `matrix`.
+    pub joints: Vec<String>,
+    /// Rows of `joints.len()` numbers, one for each actuator.
+    pub matrix: Vec<Vec<f64>>,
+    /// Command at the zero posture, one for each actuator.
+    pub offset: Vec<f64>,
+    /// Lowest and highest command of each actuator.
+    pub ctrlrange: Vec<(f64, f64)>,
+    /// Actuators that hold no position (motors and the like): their rows are zero.
+    pub unmapped: Vec<String>,
+}
+
+impl Actuation {
+    /// Maps a posture to commands inside their ranges: `(posture) => (ctrl)`.
+    ///
+    /// # Shapes
+    /// `posture`: as many values as `joints`; the result: as many as `actuators`.
+    ///
+    /// # Panics
+    /// If `posture` has another length than `joints`.
+    pub fn commands(&self, posture: &[f64]) -> Vec<f64> {
+        assert_eq!(
+            posture.len(),
+            self.joints.len(),
+            "a posture has one value for each of its joints"
+        );
+        let row = |i: usize| {
+            let (low, high) = self.ctrlrange[i];
+            let sum: f64 = self.matrix[i].iter().zip(posture).map(|(a, q)| a * q).sum();
+            (sum + self.offset[i]).clamp(low, high)
+        };
+        (0..self.actuators.len()).map(row).collect()
+    }
+}
+
+impl Hand {
+    /// Computes the map from a posture to actuator commands.
+    ///
+    /// A driven joint outside the posture follows its coupling where the coupling is linear and its driver is in the
+    /// posture, and else stays in the open posture.
+    pub fn actuation(&self) -> Actuation {
+        let joints: Vec<String> = self.posture.iter().map(|j| j.name.clone()).collect();
+        let slide = &self.manifest.slide;
+        let slide_column = joints.iter().position(|name| *name == slide.name);
+        let mut map = Actuation {
+            actuators: vec![slide.name.clone()],
+            matrix: vec![
+                (0..joints.len())
+                    .map(|i| f64::from(u8::from(Some(i) == slide_column)))
+                    .collect(),
+            ],
+            offset: vec![if slide_column.is_some() {
+                0.0
+            } else {
+                slide.start
+            }],
+            ctrlrange: vec![(slide.range[0], slide.range[1])],
+            unmapped: Vec::new(),
+            joints,
+        };
+        for actuator in &self.actuators {
+            let row = self.row(actuator, &map.joints);
+            if row.is_none() {
+                map.unmapped.push(actuator.name.clone());
+            }
+            let (coefficients, offset) = row.unwrap_or_else(|| (vec![0.0; map.joints.len()], 0.0));
+            map.actuators.push(actuator.name.clone());
+            map.matrix.push(coefficients);
+            map.offset.push(offset);
+            map.ctrlrange.push(actuator.ctrlrange);
+        }
+        map
+    }
+
+    fn row(&self, actuator: &HandActuator, joints: &[String]) -> Option<(Vec<f64>, f64)> {
+        let servo = actuator.servo?;
+        let scale = actuator.gear * servo.stiffness / servo.gain;
+        let mut row = (vec![0.0; joints.len()], -servo.bias / servo.gain);
+        match &actuator.transmission {
+            Transmission::Joint(joint) => self.add_term(joint, scale, joints, &mut row),
+            Transmission::FixedTendon { terms, .. } => {
+                terms.iter().for_each(|(joint, coefficient)| {
+                    self.add_term(joint, scale * coefficient, joints, &mut row)
+                });
+            }
+            Transmission::Other(_) => return None,
+        }
+        Some(row)
+    }
+
+    fn add_term(
+        &self,
+        joint: &str,
+        scale: f64,
+        joints: &[String],
+        (row, offset): &mut (Vec<f64>, f64),
+    ) {
+        let column = |name: &str| joints.iter().position(|j| j == name);
+        if let Some(i) = column(joint) {
+            row[i] += scale;
+            return;
+        }
+        let linear = self
+            .couplings
+            .iter()
+            .find(|c| c.dependent == joint && c.polynomial[2..].iter().all(|a| *a == 0.0));
+        if let Some((coupling, i)) = linear.and_then(|c| Some((c, column(c.driver.as_ref()?)?))) {
+            row[i] += scale * coupling.polynomial[1];
+            *offset += scale * coupling.evaluate(0.0);
+            return;
+        }
+        *offset += scale * self.open_posture().get(joint).copied().unwrap_or(0.0);
+    }
+}

@@ -1,0 +1,297 @@
+//! The files that make a hand: the manifest, the model with its includes, and the assets that the model names.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Component, Path, PathBuf};
+
+use sha2::{Digest, Sha256};
+use xmltree::{Element, XMLNode};
+
+use crate::error::HandError;
+use crate::mjcf::{Compiler, elements};
+
+/// Deepest nesting of elements that is read; real hands stay far below.
+const MAX_DEPTH: usize = 200;
+
+/// A model with its includes expanded, and the files it was made of.
+#[derive(Debug)]
+pub(crate) struct Closure {
+    /// Root element of the model.
+    pub(crate) model: Element,
+    /// Every file by its path relative to the hand's directory.
+    pub(crate) files: Vec<PathBuf>,
+    /// SHA-256 over names and contents of the files, in hexadecimal.
+    pub(crate) digest: String,
+}
+
+/// Reads the model at `model` (relative to `directory`) with everything it refers to.
+pub(crate) fn read(directory: &Path, manifest: &Path, model: &str) -> Result<Closure, HandError> {
+    let mut files = Files::new(directory)?;
+    files.add(manifest, "hand.toml", manifest)?;
+    let model_path = directory.join(model);
+    let text = files.add(manifest, "model", &model_path)?;
+    let mut root = parse(&text, &model_path)?;
+    if root.name != "mujoco" {
+        return Err(HandError::model(
+            &model_path,
+            format!("<{}>", root.name),
+            "<mujoco> as the root element",
+            format!("<{}>", root.name),
+        ));
+    }
+    let base = model_path.parent().unwrap_or(directory).to_path_buf();
+    expand_includes(&mut root, &model_path, &base, &mut files, 0)?;
+    let compiler = Compiler::read(&root, &model_path)?;
+    for section in elements(&root).filter(|e| matches!(e.name.as_str(), "asset" | "deformable")) {
+        for asset in elements(section) {
+            add_asset(asset, &compiler, &model_path, &base, &mut files)?;
+        }
+    }
+    let (files, digest) = files.finish();
+    Ok(Closure {
+        model: root,
+        files,
+        digest,
+    })
+}
+
+/// Parses XML of bounded depth; `file` is named in errors.
+pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
+    let xml_error = |message: String| HandError::Xml {
+        file: file.to_path_buf(),
+        message,
+    };
+    let text = std::str::from_utf8(bytes).map_err(|e| xml_error(e.to_string()))?;
+    check_depth(text).map_err(xml_error)?;
+    let nodes = Element::parse_all(text.as_bytes()).map_err(|e| xml_error(e.to_string()))?;
+    nodes
+        .into_iter()
+        .find_map(|node| match node {
+            XMLNode::Element(element) => Some(element),
+            _ => None,
+        })
+        .ok_or_else(|| xml_error("no root element".to_owned()))
+}
+
+/// Refuses text whose nesting would exhaust the stack of the recursive parser.
+fn check_depth(text: &str) -> Result<(), String> {
+    let mut depth = 0_usize;
+    let mut rest = text;
+    while let Some(start) = rest.find('<') {
+        rest = &rest[start..];
+        let end = if rest.starts_with("<!--") {
+            rest.find("-->").map(|i| i + 3)
+        } else if rest.starts_with("<![CDATA[") {
+            rest.find("]]>").map(|i| i + 3)
+        } else if rest.starts_with("<?") {
+            rest.find("?>").map(|i| i + 2)
+        } else if rest.starts_with("<!") {
+            return Err("a document type declaration; remove it".to_owned());
+        } else {
+            let end = tag_end(rest);
+            if rest.starts_with("</") {
+                depth = depth.saturating_sub(1);
+            } else if end.is_some_and(|i| !rest[..i].ends_with("/>")) {
+                depth += 1;
+            }
+            end
+        };
+        if depth > MAX_DEPTH {
+            return Err(format!("elements nested deeper than {MAX_DEPTH}"));
+        }
+        match end {
+            Some(end) => rest = &rest[end..],
+            None => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
+/// Returns the length of the tag that `text` begins with, a `>` inside quotes not counted.
+fn tag_end(text: &str) -> Option<usize> {
+    let mut quote = None;
+    for (i, c) in text.char_indices() {
+        match (quote, c) {
+            (None, '"' | '\'') => quote = Some(c),
+            (Some(open), _) if open == c => quote = None,
+            (None, '>') => return Some(i + 1),
+            _ => {}
+        }
+    }
+    None
+}
+
+fn expand_includes(
+    element: &mut Element,
+    file: &Path,
+    base: &Path,
+    files: &mut Files,
+    depth: usize,
+) -> Result<(), HandError> {
+    if depth > MAX_DEPTH {
+        return Err(HandError::model(
+            file,
+            "<include>",
+            &format!("nesting of at most {MAX_DEPTH} elements"),
+            "more",
+        ));
+    }
+    let mut children = Vec::with_capacity(element.children.len());
+    for node in std::mem::take(&mut element.children) {
+        match node {
+            XMLNode::Element(include) if include.name == "include" => {
+                let Some(name) = include.attributes.get("file") else {
+                    return Err(HandError::model(
+                        file,
+                        "<include>",
+                        "an attribute `file`",
+                        "none",
+                    ));
+                };
+                let path = base.join(name);
+                if files.contains(&path) {
+                    return Err(HandError::model(
+                        file,
+                        "<include>",
+                        "each file included once",
+                        format!("`{name}` a second time"),
+                    ));
+                }
+                let bytes = files.add(file, "include file", &path)?;
+                let mut included = parse(&bytes, &path)?;
+                expand_includes(&mut included, &path, base, files, depth + 1)?;
+                children.append(&mut included.children);
+            }
+            XMLNode::Element(mut child) => {
+                expand_includes(&mut child, file, base, files, depth + 1)?;
+                children.push(XMLNode::Element(child));
+            }
+            other => children.push(other),
+        }
+    }
+    element.children = children;
+    Ok(())
+}
+
+fn add_asset(
+    asset: &Element,
+    compiler: &Compiler,
+    model: &Path,
+    base: &Path,
+    files: &mut Files,
+) -> Result<(), HandError> {
+    let folder = match asset.name.as_str() {
+        "mesh" | "hfield" | "skin" => &compiler.mesh_dir,
+        "texture" => &compiler.texture_dir,
+        _ => return Ok(()),
+    };
+    for (attribute, value) in asset
+        .attributes
+        .iter()
+        .filter(|(name, _)| name.starts_with("file"))
+    {
+        let name = if compiler.strip_path {
+            value.rsplit(['/', '\\']).next().unwrap_or(value)
+        } else {
+            value
+        };
+        files.add(
+            model,
+            &format!("{} {attribute}", asset.name),
+            &base.join(folder).join(name),
+        )?;
+    }
+    Ok(())
+}
+
+/// Files read so far, by canonical path.
+struct Files {
+    directory: PathBuf,
+    canonical: PathBuf,
+    contents: BTreeMap<PathBuf, Vec<u8>>,
+}
+
+impl Files {
+    fn new(directory: &Path) -> Result<Self, HandError> {
+        let canonical = directory.canonicalize().map_err(HandError::io(directory))?;
+        Ok(Self {
+            directory: directory.to_path_buf(),
+            canonical,
+            contents: BTreeMap::new(),
+        })
+    }
+
+    fn contains(&self, path: &Path) -> bool {
+        path.canonicalize()
+            .ok()
+            .and_then(|p| p.strip_prefix(&self.canonical).map(Path::to_path_buf).ok())
+            .is_some_and(|p| self.contents.contains_key(&p))
+    }
+
+    /// Reads a file that `referrer` names in `key`, if it lies in the hand's directory.
+    fn add(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<Vec<u8>, HandError> {
+        let escape = || HandError::Escape {
+            file: referrer.to_path_buf(),
+            key: key.to_owned(),
+            got: path
+                .strip_prefix(&self.directory)
+                .unwrap_or(path)
+                .display()
+                .to_string(),
+            directory: self.directory.clone(),
+        };
+        if !stays_inside(path.strip_prefix(&self.directory).map_err(|_| escape())?) {
+            return Err(escape());
+        }
+        let Ok(canonical) = path.canonicalize() else {
+            return Err(HandError::MissingFile {
+                file: referrer.to_path_buf(),
+                key: key.to_owned(),
+                got: path.to_path_buf(),
+            });
+        };
+        let relative = canonical
+            .strip_prefix(&self.canonical)
+            .map_err(|_| escape())?
+            .to_path_buf();
+        let bytes = std::fs::read(&canonical).map_err(HandError::io(path))?;
+        self.contents.insert(relative, bytes.clone());
+        Ok(bytes)
+    }
+
+    fn finish(self) -> (Vec<PathBuf>, String) {
+        let mut hash = Sha256::new();
+        for (path, bytes) in &self.contents {
+            let name = path.to_string_lossy();
+            // Lengths keep a byte from moving between a name, its file and the next one unnoticed.
+            hash.update((name.len() as u64).to_le_bytes());
+            hash.update(name.as_bytes());
+            hash.update((bytes.len() as u64).to_le_bytes());
+            hash.update(bytes);
+        }
+        let digest = hash
+            .finalize()
+            .iter()
+            .fold(String::new(), |mut text, byte| {
+                let _ = write!(text, "{byte:02x}");
+                text
+            });
+        (self.contents.into_keys().collect(), digest)
+    }
+}
+
+fn stays_inside(relative: &Path) -> bool {
+    let mut depth = 0_i64;
+    for part in relative.components() {
+        match part {
+            Component::Normal(_) => depth += 1,
+            Component::ParentDir => depth -= 1,
+            Component::CurDir => {}
+            Component::RootDir | Component::Prefix(_) => return false,
+        }
+        if depth < 0 {
+            return false;
+        }
+    }
+    true
+}

@@ -1,0 +1,237 @@
+//! What can be wrong with a hand, said so that its owner can mend it.
+
+use std::path::{Path, PathBuf};
+
+/// Why a hand cannot be used. Every message names the file, the place in it and what is expected there.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum HandError {
+    /// A file or directory could not be read.
+    #[error("{}: cannot be read: {source}", path.display())]
+    Io {
+        /// The file or directory.
+        path: PathBuf,
+        /// The system's reason.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A directory that should hold a hand has no manifest.
+    #[error("{}: no {expected} here; a hand's directory holds one", path.display())]
+    NoManifest {
+        /// The directory.
+        path: PathBuf,
+        /// The manifest's file name.
+        expected: &'static str,
+    },
+    /// The manifest is not TOML.
+    #[error("{}: not valid TOML: {message}", file.display())]
+    Toml {
+        /// The manifest.
+        file: PathBuf,
+        /// The parser's reason, with line and column.
+        message: String,
+    },
+    /// The manifest has a key that the schema does not know.
+    #[error("{}: unknown key `{key}`{}; known here: {}", file.display(), did_you_mean(nearest), known.join(", "))]
+    UnknownKey {
+        /// The manifest.
+        file: PathBuf,
+        /// The key, with its table.
+        key: String,
+        /// The known key closest to it.
+        nearest: Option<String>,
+        /// All keys that are allowed there.
+        known: Vec<String>,
+    },
+    /// The manifest lacks a key.
+    #[error("{}: key `{key}` is missing; expected {expected}", file.display())]
+    MissingKey {
+        /// The manifest.
+        file: PathBuf,
+        /// The key, with its table.
+        key: String,
+        /// What its value should be.
+        expected: String,
+    },
+    /// A value in the manifest has the wrong type or lies outside what is allowed.
+    #[error("{}: key `{key}`: expected {expected}, got {got}", file.display())]
+    InvalidValue {
+        /// The manifest.
+        file: PathBuf,
+        /// The key, with its table.
+        key: String,
+        /// What its value should be.
+        expected: String,
+        /// What it is.
+        got: String,
+    },
+    /// A path leads out of the hand's directory.
+    #[error("{}: `{key}`: path `{got}` leads out of the hand's directory {}; copy the file into it", file.display(), directory.display())]
+    Escape {
+        /// The file that holds the path.
+        file: PathBuf,
+        /// The key or attribute.
+        key: String,
+        /// The path as written.
+        got: String,
+        /// The hand's directory.
+        directory: PathBuf,
+    },
+    /// A file that is referred to does not exist.
+    #[error("{}: `{key}`: file {} does not exist", file.display(), got.display())]
+    MissingFile {
+        /// The file that refers to it.
+        file: PathBuf,
+        /// The key or attribute.
+        key: String,
+        /// The file that was looked for.
+        got: PathBuf,
+    },
+    /// The model file is not XML.
+    #[error("{}: not valid XML: {message}", file.display())]
+    Xml {
+        /// The model file.
+        file: PathBuf,
+        /// The parser's reason.
+        message: String,
+    },
+    /// The model file says something that a hand cannot use.
+    #[error("{}: {place}: expected {expected}, got {got}", file.display())]
+    Model {
+        /// The model file.
+        file: PathBuf,
+        /// The element or attribute.
+        place: String,
+        /// What is expected there.
+        expected: String,
+        /// What is there.
+        got: String,
+    },
+    /// A name refers to nothing in the model.
+    #[error("{}: `{key}`: expected the name of {expected}, got `{got}`{}", file.display(), did_you_mean(nearest))]
+    Unresolved {
+        /// The file that holds the name.
+        file: PathBuf,
+        /// The key or attribute.
+        key: String,
+        /// The kind of thing that should bear the name.
+        expected: String,
+        /// The name.
+        got: String,
+        /// The closest name of that kind.
+        nearest: Option<String>,
+    },
+    /// Two plugin directories hold hands of one name.
+    #[error("two hands are named `{name}`: {} and {}; rename one in its hand.toml, or leave one directory out", first.display(), second.display())]
+    DuplicateHand {
+        /// The name.
+        name: String,
+        /// The directory found first.
+        first: PathBuf,
+        /// The other directory.
+        second: PathBuf,
+    },
+    /// No hand bears this name.
+    #[error(
+        "no hand is named `{got}`{}; known hands: {}; searched: {}",
+        did_you_mean(nearest),
+        list_or(known, "none"),
+        list_or(searched, "nothing")
+    )]
+    UnknownHand {
+        /// The name that was asked for.
+        got: String,
+        /// The closest known name.
+        nearest: Option<String>,
+        /// All known names.
+        known: Vec<String>,
+        /// The directories that were searched.
+        searched: Vec<String>,
+    },
+    /// A directory that was named as a place of plugins does not exist.
+    #[error("{}: named by {origin} as a place of plugins, but it is no directory", path.display())]
+    NoPluginDirectory {
+        /// The directory.
+        path: PathBuf,
+        /// The option or environment variable that named it.
+        origin: String,
+    },
+}
+
+impl HandError {
+    pub(crate) fn io(path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.to_path_buf();
+        move |source| Self::Io { path, source }
+    }
+
+    pub(crate) fn invalid(file: &Path, key: &str, expected: &str, got: impl ToString) -> Self {
+        Self::InvalidValue {
+            file: file.to_path_buf(),
+            key: key.to_owned(),
+            expected: expected.to_owned(),
+            got: got.to_string(),
+        }
+    }
+
+    pub(crate) fn model(
+        file: &Path,
+        place: impl Into<String>,
+        expected: &str,
+        got: impl ToString,
+    ) -> Self {
+        Self::Model {
+            file: file.to_path_buf(),
+            place: place.into(),
+            expected: expected.to_owned(),
+            got: got.to_string(),
+        }
+    }
+
+    pub(crate) fn unresolved<'a>(
+        file: &Path,
+        key: impl Into<String>,
+        expected: &str,
+        got: &str,
+        known: impl IntoIterator<Item = &'a str>,
+    ) -> Self {
+        Self::Unresolved {
+            file: file.to_path_buf(),
+            key: key.into(),
+            expected: expected.to_owned(),
+            got: got.to_owned(),
+            nearest: nearest(got, known),
+        }
+    }
+}
+
+/// Returns the known name that is closest to `got`, if any is close enough to be a likely slip.
+pub(crate) fn nearest<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
+    const LIKELY: f64 = 0.6;
+    let got_lower = got.to_lowercase();
+    known
+        .into_iter()
+        .map(|name| {
+            let lower = name.to_lowercase();
+            let score = strsim::normalized_damerau_levenshtein(&got_lower, &lower)
+                .max(strsim::jaro_winkler(&got_lower, &lower) - 0.2);
+            (score, name)
+        })
+        .filter(|(score, _)| *score >= LIKELY)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, name)| name.to_owned())
+}
+
+fn did_you_mean(nearest: &Option<String>) -> String {
+    nearest
+        .as_ref()
+        .map(|name| format!(" (did you mean `{name}`?)"))
+        .unwrap_or_default()
+}
+
+fn list_or(names: &[String], none: &str) -> String {
+    if names.is_empty() {
+        none.to_owned()
+    } else {
+        names.join(", ")
+    }
+}

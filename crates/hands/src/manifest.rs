@@ -1,0 +1,346 @@
+//! `hand.toml`: what a hand's owner writes about the hand. `docs/hands.md` describes it key by key.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Component, Path};
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+use crate::error::HandError;
+use crate::schema;
+
+/// File name of the manifest in a hand's directory.
+pub const MANIFEST_FILE: &str = "hand.toml";
+
+/// The schema of `hand.toml` that this crate reads.
+pub const SCHEMA: i64 = 1;
+
+/// The contents of `hand.toml`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HandManifest {
+    /// Version of this file's format.
+    pub schema: i64,
+    /// Name by which the hand is asked for; also part of run directories' names.
+    pub name: String,
+    /// One line about the hand.
+    #[serde(default)]
+    pub description: String,
+    /// Model file, relative to the hand's directory and inside it.
+    pub model: String,
+    /// Format of the model file.
+    #[serde(default)]
+    pub format: ModelFormat,
+    /// Joints of the posture in order, the slide included; absent: the slide, then every joint in model order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub posture_joints: Option<Vec<String>>,
+    /// Body of the palm.
+    pub palm: String,
+    /// Site or body at the tip of each finger.
+    pub fingertips: Vec<String>,
+    /// Licence of the hand's files, as an SPDX expression.
+    #[serde(default = "unknown_licence")]
+    pub licence: String,
+    /// Where the model and its numbers came from.
+    #[serde(default)]
+    pub provenance: Vec<String>,
+    /// Pose of the hand's root body in the frame of the slide.
+    pub mount: Mount,
+    /// The vertical slide that carries the hand.
+    #[serde(default)]
+    pub slide: Slide,
+    /// Joint values at the start of an episode (rad, m); a joint that is missing starts at 0, or at the limit nearest to 0.
+    #[serde(default)]
+    pub open_posture: BTreeMap<String, f64>,
+    /// The objects to grasp.
+    #[serde(default)]
+    pub objects: Objects,
+    /// Keys that the file holds; all others have their defaults.
+    #[serde(skip)]
+    pub written: BTreeSet<String>,
+}
+
+/// Format of a hand's model file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ModelFormat {
+    /// MuJoCo's XML.
+    #[default]
+    Mjcf,
+}
+
+/// Pose of the hand's root body in the frame of the slide, which at slide 0 is the world's: z up, the plane at z = 0,
+/// the object near x = y = 0.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mount {
+    /// Position (m).
+    pub position: [f64; 3],
+    /// Orientation as a quaternion (w, x, y, z), made unit length on reading.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub quaternion: Option<[f64; 4]>,
+    /// Orientation as turns about the slide frame's fixed x, then y, then z axis (degrees).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub euler_deg: Option<[f64; 3]>,
+}
+
+impl Mount {
+    /// Returns the pose of the hand's root body in the frame of the slide, `slide_from_root`.
+    pub fn pose(&self) -> Isometry3<f64> {
+        let rotation = match (self.quaternion, self.euler_deg) {
+            (Some([w, x, y, z]), _) => UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+            (None, Some(angles)) => {
+                let [x, y, z] = angles.map(f64::to_radians);
+                UnitQuaternion::from_euler_angles(x, y, z)
+            }
+            (None, None) => UnitQuaternion::identity(),
+        };
+        Isometry3::from_parts(Translation3::from(Vector3::from(self.position)), rotation)
+    }
+
+    /// Returns the orientation as MuJoCo writes it, (w, x, y, z).
+    pub fn quaternion_wxyz(&self) -> [f64; 4] {
+        let q = self.pose().rotation;
+        [q.w, q.i, q.j, q.k]
+    }
+}
+
+/// The vertical slide that carries the hand, and its position servo.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Slide {
+    /// Name of its joint and of its actuator.
+    pub name: String,
+    /// Lowest and highest position (m, upward).
+    pub range: [f64; 2],
+    /// Position at the start of an episode (m).
+    pub start: f64,
+    /// Servo stiffness (N/m).
+    pub kp: f64,
+    /// Joint damping (N s/m).
+    pub damping: f64,
+    /// Largest force of the servo (N).
+    pub force_limit: f64,
+    /// Mass added to the joint, as a drive's rotor would (kg).
+    pub armature: f64,
+    /// Largest upward speed of the command (m/s); absent: not limited.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rise_speed: Option<f64>,
+}
+
+impl Default for Slide {
+    fn default() -> Self {
+        Self {
+            name: "slide".to_owned(),
+            range: [-0.12, 0.14],
+            start: 0.0,
+            kp: 3000.0,
+            damping: 300.0,
+            force_limit: 200.0,
+            armature: 0.0,
+            rise_speed: None,
+        }
+    }
+}
+
+/// The objects to grasp.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Objects {
+    /// Factor on every length of the objects.
+    pub scale: f64,
+}
+
+impl Default for Objects {
+    fn default() -> Self {
+        Self { scale: 1.0 }
+    }
+}
+
+fn unknown_licence() -> String {
+    "unknown".to_owned()
+}
+
+impl HandManifest {
+    /// Reads and checks the manifest in `text`; `file` is named in errors.
+    ///
+    /// # Errors
+    /// Says which key is unknown, missing or has a wrong value, and what is expected.
+    pub fn parse(text: &str, file: &Path) -> Result<Self, HandError> {
+        let toml_error = |e: &toml::de::Error| HandError::Toml {
+            file: file.to_path_buf(),
+            message: e.to_string().trim_end().to_owned(),
+        };
+        let table: toml::Table = toml::from_str(text).map_err(|e| toml_error(&e))?;
+        let written = schema::check(&table, file)?;
+        if table.get("schema").and_then(toml::Value::as_integer) != Some(SCHEMA) {
+            return Err(HandError::invalid(
+                file,
+                "schema",
+                schema::expected("schema"),
+                table
+                    .get("schema")
+                    .map_or(String::new(), ToString::to_string),
+            ));
+        }
+        if let Some(format) = table
+            .get("format")
+            .and_then(toml::Value::as_str)
+            .filter(|f| *f != "mjcf")
+        {
+            return Err(HandError::invalid(
+                file,
+                "format",
+                schema::expected("format"),
+                format!("\"{format}\""),
+            ));
+        }
+        let mut manifest: Self = toml::from_str(text).map_err(|e| toml_error(&e))?;
+        manifest.written = written;
+        manifest.check(file)?;
+        Ok(manifest)
+    }
+
+    /// Returns the posture's joints in order where the manifest lists them, else the slide and then `model_joints`.
+    pub fn posture_joints_or<'a>(
+        &self,
+        model_joints: impl IntoIterator<Item = &'a str>,
+    ) -> Vec<String> {
+        match &self.posture_joints {
+            Some(names) => names.clone(),
+            None => std::iter::once(self.slide.name.clone())
+                .chain(model_joints.into_iter().map(str::to_owned))
+                .collect(),
+        }
+    }
+
+    fn check(&self, file: &Path) -> Result<(), HandError> {
+        let require = |ok: bool, key: &str, got: String| {
+            if ok {
+                Ok(())
+            } else {
+                Err(HandError::invalid(file, key, schema::expected(key), got))
+            }
+        };
+        require(
+            is_plain_name(&self.name),
+            "name",
+            format!("\"{}\"", self.name),
+        )?;
+        require(!self.palm.is_empty(), "palm", "\"\"".to_owned())?;
+        require(!self.fingertips.is_empty(), "fingertips", "[]".to_owned())?;
+        check_relative(&self.model, file)?;
+        for (key, names) in [
+            ("fingertips", Some(&self.fingertips)),
+            ("posture_joints", self.posture_joints.as_ref()),
+        ] {
+            if let Some(twice) = names.and_then(|names| first_duplicate(names)) {
+                return Err(HandError::invalid(
+                    file,
+                    key,
+                    "names that differ",
+                    format!("`{twice}` twice"),
+                ));
+            }
+        }
+        require(
+            self.posture_joints
+                .as_ref()
+                .is_none_or(|names| !names.is_empty()),
+            "posture_joints",
+            "[]".to_owned(),
+        )?;
+        self.check_mount(file)?;
+        let slide = &self.slide;
+        let [low, high] = slide.range;
+        require(!slide.name.is_empty(), "slide.name", "\"\"".to_owned())?;
+        require(low < high, "slide.range", format!("[{low}, {high}]"))?;
+        require(
+            (low..=high).contains(&slide.start),
+            "slide.start",
+            slide.start.to_string(),
+        )?;
+        require(slide.kp > 0.0, "slide.kp", slide.kp.to_string())?;
+        require(
+            slide.damping >= 0.0,
+            "slide.damping",
+            slide.damping.to_string(),
+        )?;
+        require(
+            slide.force_limit > 0.0,
+            "slide.force_limit",
+            slide.force_limit.to_string(),
+        )?;
+        require(
+            slide.armature >= 0.0,
+            "slide.armature",
+            slide.armature.to_string(),
+        )?;
+        if let Some(speed) = slide.rise_speed {
+            require(speed > 0.0, "slide.rise_speed", speed.to_string())?;
+        }
+        require(
+            self.objects.scale > 0.0,
+            "objects.scale",
+            self.objects.scale.to_string(),
+        )
+    }
+
+    fn check_mount(&self, file: &Path) -> Result<(), HandError> {
+        if self.mount.quaternion.is_some() && self.mount.euler_deg.is_some() {
+            return Err(HandError::invalid(
+                file,
+                "mount",
+                "either `quaternion` or `euler_deg`",
+                "both",
+            ));
+        }
+        if let Some(q) = self.mount.quaternion {
+            let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+            if !(norm > 1e-6 && norm.is_finite()) {
+                return Err(HandError::invalid(
+                    file,
+                    "mount.quaternion",
+                    schema::expected("mount.quaternion"),
+                    format!("{q:?}"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn check_relative(model: &str, file: &Path) -> Result<(), HandError> {
+    if model.is_empty() {
+        return Err(HandError::invalid(
+            file,
+            "model",
+            schema::expected("model"),
+            "\"\"",
+        ));
+    }
+    let inside = Path::new(model)
+        .components()
+        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    if inside {
+        return Ok(());
+    }
+    Err(HandError::Escape {
+        file: file.to_path_buf(),
+        key: "model".to_owned(),
+        got: model.to_owned(),
+        directory: file.parent().unwrap_or(Path::new(".")).to_path_buf(),
+    })
+}
+
+fn is_plain_name(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit())
+        && name
+            .chars()
+            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_')
+}
+
+fn first_duplicate(names: &[String]) -> Option<&String> {
+    let mut seen = BTreeSet::new();
+    names.iter().find(|name| !seen.insert(*name))
+}

@@ -1,0 +1,267 @@
+//! Finds hands by name in the places where plugins are kept.
+
+use std::path::{Path, PathBuf};
+
+use crate::error::{HandError, nearest};
+use crate::hand::Hand;
+use crate::manifest::MANIFEST_FILE;
+use crate::summary::HandSummary;
+
+/// Environment variable with further directories of plugins, separated as in `PATH`.
+pub const PLUGINS_VARIABLE: &str = "EIGENHAND_PLUGINS";
+
+const PLUGINS_FOLDER: &str = "plugins";
+const WORKSPACE_MARK: &str = "Cargo.lock";
+
+/// Directories in which plugins are looked for, in order.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct SearchPath {
+    places: Vec<Place>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Place {
+    directory: PathBuf,
+    origin: String,
+    must_exist: bool,
+}
+
+impl SearchPath {
+    /// Starts an empty search path.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Returns the usual path: `plugins/` of the workspace or current directory, then the directories of
+    /// [`PLUGINS_VARIABLE`], then `extra`.
+    pub fn from_environment(extra: &[PathBuf]) -> Self {
+        let mut path = Self::new();
+        if let Ok(current) = std::env::current_dir() {
+            path.add_workspace(&current);
+        }
+        if let Some(value) = std::env::var_os(PLUGINS_VARIABLE) {
+            std::env::split_paths(&value)
+                .filter(|p| !p.as_os_str().is_empty())
+                .for_each(|p| path.push(p, PLUGINS_VARIABLE));
+        }
+        extra.iter().for_each(|p| path.push(p.clone(), "--plugins"));
+        path
+    }
+
+    /// Adds a directory of plugins, or one plugin's own directory; `origin` says who named it, for errors.
+    pub fn push(&mut self, directory: impl Into<PathBuf>, origin: &str) {
+        self.places.push(Place {
+            directory: directory.into(),
+            origin: origin.to_owned(),
+            must_exist: true,
+        });
+    }
+
+    /// Lists the directories in order.
+    pub fn directories(&self) -> impl Iterator<Item = &Path> {
+        self.places.iter().map(|place| place.directory.as_path())
+    }
+
+    fn add_workspace(&mut self, current: &Path) {
+        let here = current.join(PLUGINS_FOLDER);
+        let above = || {
+            current
+                .ancestors()
+                .find(|d| d.join(WORKSPACE_MARK).is_file() && d.join(PLUGINS_FOLDER).is_dir())
+                .map(|d| d.join(PLUGINS_FOLDER))
+        };
+        let directory = if here.is_dir() {
+            here
+        } else {
+            above().unwrap_or(here)
+        };
+        self.places.push(Place {
+            directory,
+            origin: "the workspace".to_owned(),
+            must_exist: false,
+        });
+    }
+}
+
+/// A hand that was found, sound or not.
+#[derive(Debug)]
+pub struct RegistryEntry {
+    /// The manifest's name; the directory's where the manifest cannot be read.
+    pub name: String,
+    /// The hand's directory.
+    pub directory: PathBuf,
+    /// The hand, or what is wrong with it.
+    pub hand: Result<Hand, HandError>,
+}
+
+impl RegistryEntry {
+    /// Summarises the hand; none where it is broken.
+    pub fn summary(&self) -> Option<HandSummary> {
+        self.hand.as_ref().ok().map(HandSummary::of)
+    }
+}
+
+/// All hands of a search path.
+#[derive(Debug)]
+pub struct Registry {
+    entries: Vec<RegistryEntry>,
+    searched: Vec<PathBuf>,
+}
+
+impl Registry {
+    /// Looks for hands in every directory of `path`. A broken hand becomes an entry with its error.
+    ///
+    /// # Errors
+    /// A directory that somebody named does not exist or cannot be read.
+    pub fn discover(path: &SearchPath) -> Result<Self, HandError> {
+        let mut registry = Self {
+            entries: Vec::new(),
+            searched: Vec::new(),
+        };
+        let mut seen = Vec::new();
+        for place in &path.places {
+            if !place.directory.is_dir() {
+                if place.must_exist {
+                    return Err(HandError::NoPluginDirectory {
+                        path: place.directory.clone(),
+                        origin: place.origin.clone(),
+                    });
+                }
+                continue;
+            }
+            registry.searched.push(place.directory.clone());
+            for directory in plugin_directories(&place.directory)? {
+                let canonical = directory
+                    .canonicalize()
+                    .map_err(HandError::io(&directory))?;
+                if !seen.contains(&canonical) {
+                    seen.push(canonical);
+                    registry.entries.push(read_entry(directory));
+                }
+            }
+        }
+        registry.mark_duplicates();
+        registry.entries.sort_by(|a, b| {
+            a.name
+                .cmp(&b.name)
+                .then_with(|| a.directory.cmp(&b.directory))
+        });
+        Ok(registry)
+    }
+
+    /// Lists every hand that was found, by name.
+    pub fn list(&self) -> &[RegistryEntry] {
+        &self.entries
+    }
+
+    /// Returns the hand of this name, or the one in this directory where `name` is a path.
+    ///
+    /// # Errors
+    /// No such hand, several of that name, or a broken one.
+    pub fn get(&self, name: &str) -> Result<Hand, HandError> {
+        match self.entries.iter().find(|entry| entry.name == name) {
+            Some(RegistryEntry { hand: Ok(hand), .. }) => Ok(hand.clone()),
+            Some(RegistryEntry {
+                hand:
+                    Err(HandError::DuplicateHand {
+                        name,
+                        first,
+                        second,
+                    }),
+                ..
+            }) => Err(HandError::DuplicateHand {
+                name: name.clone(),
+                first: first.clone(),
+                second: second.clone(),
+            }),
+            Some(entry) => Hand::load(&entry.directory),
+            None if name.contains(std::path::MAIN_SEPARATOR)
+                || Path::new(name).join(MANIFEST_FILE).is_file() =>
+            {
+                Hand::load(name)
+            }
+            None => Err(HandError::UnknownHand {
+                got: name.to_owned(),
+                nearest: nearest(name, self.entries.iter().map(|e| e.name.as_str())),
+                known: self.entries.iter().map(|e| e.name.clone()).collect(),
+                searched: self
+                    .searched
+                    .iter()
+                    .map(|p| p.display().to_string())
+                    .collect(),
+            }),
+        }
+    }
+
+    /// Puts an error in place of every hand but for those with a name of their own.
+    fn mark_duplicates(&mut self) {
+        let named: Vec<(String, PathBuf)> = self
+            .entries
+            .iter()
+            .map(|e| (e.name.clone(), e.directory.clone()))
+            .collect();
+        for (i, entry) in self.entries.iter_mut().enumerate() {
+            let mut same = named.iter().filter(|(name, _)| *name == entry.name);
+            let (Some((_, first)), Some((_, second))) = (same.next(), same.next()) else {
+                continue;
+            };
+            let second = if named[i].1 == *first {
+                second
+            } else {
+                &named[i].1
+            };
+            entry.hand = Err(HandError::DuplicateHand {
+                name: entry.name.clone(),
+                first: first.clone(),
+                second: second.clone(),
+            });
+        }
+    }
+}
+
+fn plugin_directories(place: &Path) -> Result<Vec<PathBuf>, HandError> {
+    if place.join(MANIFEST_FILE).is_file() {
+        return Ok(vec![place.to_path_buf()]);
+    }
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(place).map_err(HandError::io(place))? {
+        let path = entry.map_err(HandError::io(place))?.path();
+        if path.join(MANIFEST_FILE).is_file() {
+            found.push(path);
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn read_entry(directory: PathBuf) -> RegistryEntry {
+    let hand = Hand::load(&directory);
+    let name = match &hand {
+        Ok(hand) => hand.manifest.name.clone(),
+        Err(_) => written_name(&directory),
+    };
+    RegistryEntry {
+        name,
+        directory,
+        hand,
+    }
+}
+
+/// Returns the name of a hand that is broken, as far as it can be told.
+fn written_name(directory: &Path) -> String {
+    let table: Option<toml::Table> = std::fs::read_to_string(directory.join(MANIFEST_FILE))
+        .ok()
+        .and_then(|text| toml::from_str(&text).ok());
+    let name = table
+        .as_ref()
+        .and_then(|t| t.get("name"))
+        .and_then(toml::Value::as_str)
+        .map(str::to_owned);
+    name.unwrap_or_else(|| {
+        directory
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    })
+}

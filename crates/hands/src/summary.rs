@@ -1,0 +1,165 @@
+//! What `hands list` and `hands show` print about a hand.
+
+use std::path::PathBuf;
+
+use serde::Serialize;
+use toml::Value;
+
+use crate::hand::{FrameKind, Hand, HandActuator, HandCoupling, HandJoint};
+use crate::schema;
+
+/// A hand in brief.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct HandSummary {
+    /// Name of the hand.
+    pub name: String,
+    /// One line about it.
+    pub description: String,
+    /// Number of joints, the slide included.
+    pub n_joints: usize,
+    /// Number of actuators, the slide's included.
+    pub n_actuators: usize,
+    /// Number of fingers.
+    pub n_fingers: usize,
+    /// Number of joints in a posture.
+    pub n_posture: usize,
+    /// SHA-256 over the hand's files.
+    pub digest: String,
+    /// Licence of the hand's files.
+    pub licence: String,
+    /// The hand's directory.
+    pub directory: PathBuf,
+    /// Every value of the manifest, and who set it.
+    pub values: Vec<SummaryValue>,
+    /// Joints of the posture in order.
+    pub posture: Vec<HandJoint>,
+    /// Actuators of the model in order, without the slide's.
+    pub actuators: Vec<HandActuator>,
+    /// Joints that follow another joint.
+    pub couplings: Vec<HandCoupling>,
+}
+
+/// Who set a value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ValueOrigin {
+    /// The manifest holds it.
+    Written,
+    /// It is the same for every hand whose manifest does not hold it.
+    Default,
+    /// It was worked out from the model.
+    Computed,
+}
+
+/// One value and who set it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SummaryValue {
+    /// Key as in `hand.toml`, or the element of the model.
+    pub key: String,
+    /// The value in force.
+    pub value: Value,
+    /// Who set it.
+    pub origin: ValueOrigin,
+}
+
+impl HandSummary {
+    /// Summarises `hand`.
+    pub fn of(hand: &Hand) -> Self {
+        let manifest = &hand.manifest;
+        Self {
+            name: manifest.name.clone(),
+            description: manifest.description.clone(),
+            n_joints: hand.joints.len() + 1,
+            n_actuators: hand.actuators.len() + 1,
+            n_fingers: hand.fingertips.len(),
+            n_posture: hand.posture.len(),
+            digest: hand.digest.clone(),
+            licence: manifest.licence.clone(),
+            directory: hand.directory.clone(),
+            values: values(hand),
+            posture: hand.posture.clone(),
+            actuators: hand.actuators.clone(),
+            couplings: hand.couplings.clone(),
+        }
+    }
+}
+
+fn values(hand: &Hand) -> Vec<SummaryValue> {
+    let manifest = &hand.manifest;
+    let table = toml::Table::try_from(manifest).unwrap_or_default();
+    let mut values = Vec::new();
+    for info in schema::keys() {
+        let (parent, key) = info.key.split_once('.').unwrap_or(("", info.key));
+        let holder = if parent.is_empty() {
+            Some(&table)
+        } else {
+            table.get(parent).and_then(Value::as_table)
+        };
+        let written = manifest.written.contains(info.key);
+        let (value, origin) = match (info.key, holder.and_then(|t| t.get(key))) {
+            ("posture_joints", None) => (
+                Value::Array(
+                    hand.posture
+                        .iter()
+                        .map(|j| Value::from(j.name.clone()))
+                        .collect(),
+                ),
+                ValueOrigin::Computed,
+            ),
+            ("open_posture", _) => {
+                let all = hand.open_posture();
+                let origin = if all
+                    .keys()
+                    .all(|name| manifest.open_posture.contains_key(name))
+                {
+                    ValueOrigin::Written
+                } else {
+                    ValueOrigin::Computed
+                };
+                (
+                    Value::Table(
+                        all.into_iter()
+                            .map(|(name, value)| (name, Value::Float(value)))
+                            .collect(),
+                    ),
+                    origin,
+                )
+            }
+            (_, Some(Value::Table(_)) | None) => continue,
+            (_, Some(value)) => (
+                value.clone(),
+                if written {
+                    ValueOrigin::Written
+                } else {
+                    ValueOrigin::Default
+                },
+            ),
+        };
+        values.push(SummaryValue {
+            key: info.key.to_owned(),
+            value,
+            origin,
+        });
+    }
+    for actuator in hand.actuators.iter().filter(|a| a.ctrlrange_computed) {
+        let (low, high) = actuator.ctrlrange;
+        let value = Value::Array(vec![Value::Float(low), Value::Float(high)]);
+        values.push(SummaryValue {
+            key: format!("actuator {} ctrlrange", actuator.name),
+            value,
+            origin: ValueOrigin::Computed,
+        });
+    }
+    for tip in &hand.fingertips {
+        let kind = match tip.kind {
+            FrameKind::Body => "body",
+            FrameKind::Site => "site",
+        };
+        values.push(SummaryValue {
+            key: format!("fingertip {} is a", tip.name),
+            value: Value::from(kind),
+            origin: ValueOrigin::Computed,
+        });
+    }
+    values
+}
