@@ -1,6 +1,6 @@
 //! A hand that was read and checked: its manifest, its model, and the joints, actuators and couplings of the model.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -11,6 +11,7 @@ use crate::error::HandError;
 use crate::manifest::{HandManifest, MANIFEST_FILE, ModelFormat};
 use crate::mjcf::Compiler;
 use crate::model::Contents;
+use crate::resolve;
 
 /// A hand whose files were read and whose names all resolve.
 #[derive(Debug, Clone)]
@@ -197,9 +198,9 @@ impl Hand {
         let closure = closure::read(directory, &manifest_path, &manifest.model)?;
         let model_path = directory.join(&manifest.model);
         let contents = Contents::read(&closure.model, &model_path)?;
-        let fingertips = resolve_frames(&manifest, &contents, &manifest_path)?;
-        let posture = resolve_posture(&manifest, &contents, &manifest_path)?;
-        check_open_posture(&manifest, &contents, &manifest_path)?;
+        let fingertips = resolve::frames(&manifest, &contents, &manifest_path)?;
+        let posture = resolve::posture(&manifest, &contents, &manifest_path)?;
+        resolve::check_open_posture(&manifest, &contents, &manifest_path)?;
         Ok(Self {
             directory: directory.to_path_buf(),
             model_directory: model_path.parent().unwrap_or(directory).to_path_buf(),
@@ -276,139 +277,4 @@ impl Hand {
             })
             .collect()
     }
-}
-
-fn resolve_frames(
-    manifest: &HandManifest,
-    contents: &Contents,
-    file: &Path,
-) -> Result<Vec<Fingertip>, HandError> {
-    if !contents.bodies.contains(&manifest.palm) {
-        let known = contents.bodies.iter().map(String::as_str);
-        return Err(HandError::unresolved(
-            file,
-            "palm",
-            "a body of the model",
-            &manifest.palm,
-            known,
-        ));
-    }
-    let mut tips = Vec::with_capacity(manifest.fingertips.len());
-    for (i, name) in manifest.fingertips.iter().enumerate() {
-        let kind = match (
-            contents.sites.contains(name),
-            contents.bodies.contains(name),
-        ) {
-            (true, _) => FrameKind::Site,
-            (false, true) => FrameKind::Body,
-            (false, false) => {
-                let known = contents
-                    .sites
-                    .iter()
-                    .chain(&contents.bodies)
-                    .map(String::as_str);
-                return Err(HandError::unresolved(
-                    file,
-                    format!("fingertips[{i}]"),
-                    "a site or body of the model",
-                    name,
-                    known,
-                ));
-            }
-        };
-        tips.push(Fingertip {
-            name: name.clone(),
-            kind,
-        });
-    }
-    Ok(tips)
-}
-
-fn resolve_posture(
-    manifest: &HandManifest,
-    contents: &Contents,
-    file: &Path,
-) -> Result<Vec<HandJoint>, HandError> {
-    let slide = &manifest.slide;
-    let taken = contents
-        .joints
-        .iter()
-        .map(|j| &j.name)
-        .chain(contents.actuators.iter().map(|a| &a.name));
-    if taken.collect::<BTreeSet<_>>().contains(&slide.name) {
-        return Err(HandError::invalid(
-            file,
-            "slide.name",
-            "a name that no joint or actuator of the model has",
-            format!("\"{}\"", slide.name),
-        ));
-    }
-    let slide_joint = HandJoint {
-        name: slide.name.clone(),
-        kind: JointKind::Slide,
-        range: Some((slide.range[0], slide.range[1])),
-        unit: JointKind::Slide.unit(),
-        reference: 0.0,
-        body: String::new(),
-    };
-    let all: Vec<HandJoint> = std::iter::once(slide_joint)
-        .chain(contents.joints.iter().cloned())
-        .collect();
-    let names = manifest.posture_joints_or(contents.joints.iter().map(|j| j.name.as_str()));
-    let find = |(i, name): (usize, &String)| {
-        all.iter()
-            .find(|joint| joint.name == *name)
-            .cloned()
-            .ok_or_else(|| {
-                let known = all.iter().map(|j| j.name.as_str());
-                HandError::unresolved(
-                    file,
-                    format!("posture_joints[{i}]"),
-                    "a joint of the model or the slide",
-                    name,
-                    known,
-                )
-            })
-    };
-    names.iter().enumerate().map(find).collect()
-}
-
-fn check_open_posture(
-    manifest: &HandManifest,
-    contents: &Contents,
-    file: &Path,
-) -> Result<(), HandError> {
-    for (name, &value) in &manifest.open_posture {
-        let key = format!("open_posture.{name}");
-        let Some(joint) = contents.joints.iter().find(|joint| joint.name == *name) else {
-            if *name == manifest.slide.name {
-                return Err(HandError::invalid(
-                    file,
-                    &key,
-                    "joints of the model only; the slide's start is `slide.start`",
-                    value,
-                ));
-            }
-            let known = contents.joints.iter().map(|j| j.name.as_str());
-            return Err(HandError::unresolved(
-                file,
-                key,
-                "a joint of the model",
-                name,
-                known,
-            ));
-        };
-        if let Some((low, high)) = joint
-            .range
-            .filter(|(low, high)| !(*low..=*high).contains(&value))
-        {
-            return Err(HandError::invalid(
-                file,
-                &key,
-                &format!("a value from {low} to {high} ({})", joint.unit),
-                value,
-            ));
-        }
-    }
-    Ok(())
 }

@@ -13,7 +13,9 @@ mod manifest;
 mod mjcf;
 mod model;
 mod registry;
+mod resolve;
 mod schema;
+mod servo;
 mod summary;
 
 pub use actuation::Actuation;

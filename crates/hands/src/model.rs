@@ -6,8 +6,9 @@ use std::path::Path;
 use xmltree::Element;
 
 use crate::error::HandError;
-use crate::hand::{HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
+use crate::hand::{HandActuator, HandCoupling, HandJoint, JointKind, Transmission};
 use crate::mjcf::{Attributes, Compiler, Defaults, elements, section};
+use crate::servo;
 
 /// The parts of a model that a hand is described by.
 #[derive(Debug)]
@@ -287,9 +288,11 @@ impl Reader<'_> {
             Transmission::Other(found.ok_or_else(missing)?)
         };
         let gear = attributes.number("gear")?.unwrap_or(1.0);
-        let servo = servo(&element.name, &attributes)?;
+        let servo = servo::read(&element.name, &attributes)?;
         let written = attributes.limits("ctrlrange", "ctrllimited")?;
-        let Some(ctrlrange) = written.or_else(|| self.range_of(&transmission, gear, servo)) else {
+        let Some(ctrlrange) =
+            written.or_else(|| servo::reach(&self.contents.joints, &transmission, gear, servo))
+        else {
             return Err(attributes.error(
                 "ctrlrange",
                 "two numbers with ctrllimited=\"true\"",
@@ -307,27 +310,6 @@ impl Reader<'_> {
             forcerange,
             servo,
         })
-    }
-
-    /// Computes the commands that reach all of a limited joint's range.
-    fn range_of(
-        &self,
-        transmission: &Transmission,
-        gear: f64,
-        servo: Option<Servo>,
-    ) -> Option<(f64, f64)> {
-        let (Transmission::Joint(joint), Some(servo)) = (transmission, servo) else {
-            return None;
-        };
-        let (low, high) = self
-            .contents
-            .joints
-            .iter()
-            .find(|j| j.name == *joint)?
-            .range?;
-        let command = |position: f64| (servo.stiffness * gear * position - servo.bias) / servo.gain;
-        let (a, b) = (command(low), command(high));
-        (a.is_finite() && b.is_finite() && a != b).then(|| (a.min(b), a.max(b)))
     }
 
     fn coupling(&self, element: &Element) -> Result<Option<HandCoupling>, HandError> {
@@ -384,39 +366,4 @@ impl Reader<'_> {
             polynomial,
         }))
     }
-}
-
-/// Reads the force law of a position servo, written as `position` or as `general`.
-fn servo(tag: &str, attributes: &Attributes) -> Result<Option<Servo>, HandError> {
-    let first_gain = attributes.number("gainprm")?.unwrap_or(1.0);
-    let servo = match tag {
-        "position" => {
-            let kp = attributes.number("kp")?.unwrap_or(first_gain);
-            Servo {
-                gain: kp,
-                bias: 0.0,
-                stiffness: kp,
-            }
-        }
-        "general" => {
-            let affine = attributes.text("biastype") == Some("affine")
-                && attributes.text("gaintype").unwrap_or("fixed") == "fixed";
-            let static_gain = matches!(
-                attributes.text("dyntype").unwrap_or("none"),
-                "none" | "filter" | "filterexact"
-            );
-            if !affine || !static_gain {
-                return Ok(None);
-            }
-            let bias = attributes.numbers("biasprm")?.unwrap_or_default();
-            let at = |i: usize| bias.get(i).copied().unwrap_or(0.0);
-            Servo {
-                gain: first_gain,
-                bias: at(0),
-                stiffness: -at(1),
-            }
-        }
-        _ => return Ok(None),
-    };
-    Ok((servo.gain != 0.0 && servo.stiffness != 0.0).then_some(servo))
 }

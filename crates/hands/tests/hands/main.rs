@@ -1,0 +1,12 @@
+//! Reads hands from directories, sound and broken.
+#![forbid(unsafe_code)]
+// A helper function of a test fails the test, which is what a panic means here.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod actuation;
+mod broken;
+mod fixture;
+mod model;
+mod mutation;
+mod registry;
+mod shadow;
