@@ -1,18 +1,15 @@
 //! The synergy space: a principal component analysis of postures.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par, Side};
+use faer::{Mat, MatRef};
 
 use crate::SynergyError;
 use crate::covariance::{MIN_POSTURES, RunningCovariance};
 use crate::joint::{JointInfo, check_joints, check_posture};
 use crate::projector::Projector;
 
+mod eigen;
 mod parts;
 pub(crate) use parts::{SynergyParts, check_numbers};
-
-/// Entries of a component this close to its largest absolute value, relative to it, count as tied in the sign rule.
-const SIGN_TIE: f64 = 1e-9;
 
 /// A synergy space: the mean posture and the `k` orthonormal directions in which the postures vary most.
 ///
@@ -44,15 +41,22 @@ impl Synergy {
     /// # Errors
     /// A bad joint list, fewer than two postures, a posture of the wrong length or with a number that is not finite,
     /// `k == 0`, or a decomposition that does not converge.
-    pub fn fit<P: AsRef<[f64]>>(joints: &[JointInfo], postures: &[P], k: usize) -> Result<Self, SynergyError> {
+    pub fn fit<P: AsRef<[f64]>>(
+        joints: &[JointInfo],
+        postures: &[P],
+        k: usize,
+    ) -> Result<Self, SynergyError> {
         let n_joints = joints.len();
         for (row, posture) in postures.iter().enumerate() {
             check_posture(posture.as_ref(), n_joints, row)?;
         }
         if postures.len() < MIN_POSTURES {
-            return Err(SynergyError::TooFewPostures { expected: MIN_POSTURES, got: postures.len() });
+            return Err(SynergyError::TooFewPostures {
+                expected: MIN_POSTURES,
+                got: postures.len(),
+            });
         }
-        let (mean, covariance) = mean_and_covariance(postures, n_joints);
+        let (mean, covariance) = eigen::mean_and_covariance(postures, n_joints);
         let mut synergy = Self::decompose(joints, mean, &covariance, postures.len(), k)?;
         synergy.set_coefficient_range(postures)?;
         Ok(synergy)
@@ -71,26 +75,46 @@ impl Synergy {
         k: usize,
     ) -> Result<Self, SynergyError> {
         if covariance.n_joints() != joints.len() {
-            return Err(SynergyError::PostureLength { row: 0, expected: joints.len(), got: covariance.n_joints() });
+            return Err(SynergyError::PostureLength {
+                row: 0,
+                expected: joints.len(),
+                got: covariance.n_joints(),
+            });
         }
         let matrix = covariance.covariance()?;
         let matrix = MatRef::from_row_major_slice(&matrix, joints.len(), joints.len());
-        Self::decompose(joints, covariance.mean().to_vec(), &matrix.to_owned(), covariance.count(), k)
+        Self::decompose(
+            joints,
+            covariance.mean().to_vec(),
+            &matrix.to_owned(),
+            covariance.count(),
+            k,
+        )
     }
 
     /// Sets the range of the coefficients to that of `postures`.
     ///
     /// # Errors
     /// No posture, or one of the wrong length or with a number that is not finite; nothing changes then.
-    pub fn set_coefficient_range<P: AsRef<[f64]>>(&mut self, postures: &[P]) -> Result<(), SynergyError> {
+    pub fn set_coefficient_range<P: AsRef<[f64]>>(
+        &mut self,
+        postures: &[P],
+    ) -> Result<(), SynergyError> {
         if postures.is_empty() {
-            return Err(SynergyError::TooFewPostures { expected: 1, got: 0 });
+            return Err(SynergyError::TooFewPostures {
+                expected: 1,
+                got: 0,
+            });
         }
         let mut lowest = vec![f64::INFINITY; self.n_components()];
         let mut highest = vec![f64::NEG_INFINITY; self.n_components()];
         for (row, posture) in postures.iter().enumerate() {
             check_posture(posture.as_ref(), self.n_joints(), row)?;
-            for ((low, high), z) in lowest.iter_mut().zip(&mut highest).zip(self.encode(posture.as_ref())) {
+            for ((low, high), z) in lowest
+                .iter_mut()
+                .zip(&mut highest)
+                .zip(self.encode(posture.as_ref()))
+            {
                 *low = low.min(z);
                 *high = high.max(z);
             }
@@ -112,23 +136,9 @@ impl Synergy {
         if k == 0 {
             return Err(SynergyError::NoComponents);
         }
-        let failed = || SynergyError::Decomposition { what: "covariance" };
-        if (0..covariance.ncols()).any(|j| covariance.col_as_slice(j).iter().any(|entry| !entry.is_finite())) {
-            return Err(failed());
-        }
-        let n_joints = joints.len();
-        let k = k.min(n_joints);
-        let decomposition = covariance.self_adjoint_eigen(Side::Lower).map_err(|_| failed())?;
-        // faer sorts eigenvalues upwards; those of a covariance are negative by rounding only.
-        let ascending = decomposition.S().column_vector();
-        let eigenvalues: Vec<f64> = (0..n_joints).rev().map(|i| ascending[i].max(0.0)).collect();
-        let mut components = Vec::with_capacity(k * n_joints);
-        for i in (n_joints - k..n_joints).rev() {
-            let column: Vec<f64> = decomposition.U().col(i).iter().copied().collect();
-            let sign = sign_of_largest(&column);
-            components.extend(column.iter().map(|loading| sign * loading));
-        }
-        let contribution = contribution_rates(&eigenvalues, k);
+        let k = k.min(joints.len());
+        let (components, eigenvalues) = eigen::principal_components(covariance, k)?;
+        let contribution = eigen::contribution_rates(&eigenvalues, k);
         let projector = Projector::new(&mean, &components);
         Ok(Synergy {
             joints: joints.to_vec(),
@@ -146,9 +156,16 @@ impl Synergy {
     /// Builds a space from numbers that were stored, after checking every length and relation between them.
     pub(crate) fn from_parts(parts: SynergyParts) -> Result<Self, SynergyError> {
         parts.check()?;
-        let SynergyParts { joints, mean, components, eigenvalues, coefficient_min, coefficient_max, n_postures } =
-            parts;
-        let contribution = contribution_rates(&eigenvalues, components.len());
+        let SynergyParts {
+            joints,
+            mean,
+            components,
+            eigenvalues,
+            coefficient_min,
+            coefficient_max,
+            n_postures,
+        } = parts;
+        let contribution = eigen::contribution_rates(&eigenvalues, components.len());
         let components = components.concat();
         let projector = Projector::new(&mean, &components);
         Ok(Synergy {
@@ -252,7 +269,13 @@ impl Synergy {
         self.assert_length(posture.len());
         self.components
             .chunks_exact(self.n_joints())
-            .map(|row| row.iter().zip(posture).zip(&self.mean).map(|((c, q), mean)| c * (q - mean)).sum())
+            .map(|row| {
+                row.iter()
+                    .zip(posture)
+                    .zip(&self.mean)
+                    .map(|((c, q), mean)| c * (q - mean))
+                    .sum()
+            })
             .collect()
     }
 
@@ -273,9 +296,17 @@ impl Synergy {
     /// # Panics
     /// When `coefficients` has not one number for each component.
     pub fn decode_unclamped(&self, coefficients: &[f64]) -> Vec<f64> {
-        assert_eq!(coefficients.len(), self.n_components(), "one coefficient for each component is needed");
+        assert_eq!(
+            coefficients.len(),
+            self.n_components(),
+            "one coefficient for each component is needed"
+        );
         let mut posture = self.mean.clone();
-        for (row, z) in self.components.chunks_exact(self.n_joints()).zip(coefficients) {
+        for (row, z) in self
+            .components
+            .chunks_exact(self.n_joints())
+            .zip(coefficients)
+        {
             for (q, c) in posture.iter_mut().zip(row) {
                 *q += z * c;
             }
@@ -303,7 +334,11 @@ impl Synergy {
     /// # Source
     /// Section 2.2.
     pub fn error(&self, posture: &[f64]) -> f64 {
-        self.residual(posture).iter().map(|r| r * r).sum::<f64>().sqrt()
+        self.residual(posture)
+            .iter()
+            .map(|r| r * r)
+            .sum::<f64>()
+            .sqrt()
     }
 
     /// Returns the same error of a single-precision posture, without an allocation: what a reward calls.
@@ -320,42 +355,18 @@ impl Synergy {
     /// # Panics
     /// When a posture has not one number for each joint.
     pub fn mean_error<P: AsRef<[f64]>>(&self, postures: &[P]) -> f64 {
-        let sum: f64 = postures.iter().map(|posture| self.error(posture.as_ref())).sum();
+        let sum: f64 = postures
+            .iter()
+            .map(|posture| self.error(posture.as_ref()))
+            .sum();
         sum / postures.len().max(1) as f64
     }
 
     fn assert_length(&self, length: usize) {
-        assert_eq!(length, self.n_joints(), "one number for each joint is needed");
+        assert_eq!(
+            length,
+            self.n_joints(),
+            "one number for each joint is needed"
+        );
     }
-}
-
-/// (postures: N x n, N >= 2) => (mean: n, sample covariance: n x n)
-fn mean_and_covariance<P: AsRef<[f64]>>(postures: &[P], n_joints: usize) -> (Vec<f64>, Mat<f64>) {
-    let mut mean = vec![0.0; n_joints];
-    for posture in postures {
-        for (sum, q) in mean.iter_mut().zip(posture.as_ref()) {
-            *sum += q;
-        }
-    }
-    for sum in &mut mean {
-        *sum /= postures.len() as f64;
-    }
-    let centred = Mat::from_fn(n_joints, postures.len(), |joint, row| postures[row].as_ref()[joint] - mean[joint]);
-    let mut covariance = Mat::zeros(n_joints, n_joints);
-    let scale = 1.0 / (postures.len() - 1) as f64;
-    matmul(&mut covariance, Accum::Replace, &centred, centred.transpose(), scale, Par::Seq);
-    (mean, covariance)
-}
-
-/// (eigenvalues, falling: n) => contribution rates of the first k
-fn contribution_rates(eigenvalues: &[f64], k: usize) -> Vec<f64> {
-    let total: f64 = eigenvalues.iter().sum();
-    eigenvalues[..k].iter().map(|l| if total > 0.0 { l / total } else { 0.0 }).collect()
-}
-
-/// (a component) => the factor, 1 or -1, that makes it obey the sign rule
-fn sign_of_largest(component: &[f64]) -> f64 {
-    let largest = component.iter().fold(0.0_f64, |largest, loading| largest.max(loading.abs()));
-    let first = component.iter().find(|loading| loading.abs() >= largest * (1.0 - SIGN_TIE));
-    if first.is_some_and(|loading| *loading < 0.0) { -1.0 } else { 1.0 }
 }

@@ -32,7 +32,10 @@ impl Projector {
                     .collect()
             })
             .collect();
-        Projector { mean: mean.to_vec(), blocks }
+        Projector {
+            mean: mean.to_vec(),
+            blocks,
+        }
     }
 
     /// (posture: n) => e

@@ -1,0 +1,75 @@
+//! One row of the database.
+
+use rusqlite::Row;
+use rusqlite::types::Value;
+
+use super::columns::RECORD_COLUMNS;
+use crate::SynergyError;
+
+/// One successful training episode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PostureRecord {
+    /// The posture that succeeded, in the order of the database's joints.
+    pub posture: Vec<f64>,
+    /// The name of the object that was grasped.
+    pub object: String,
+    /// The number of the training episode.
+    pub episode: u64,
+    /// The coefficient of the approximation error at the time.
+    pub lambda: f64,
+    /// The run's seed. SQLite shows one above 2^63 - 1 as its two's complement.
+    pub seed: u64,
+    /// The goal of the object's centre, in metres.
+    pub goal: [f64; 3],
+    /// The control step of the episode at which the posture was taken.
+    pub step: u32,
+}
+
+/// (a record) => its values, in the order of `RECORD_COLUMNS` and then the joints
+pub(super) fn to_values(record: &PostureRecord) -> Result<Vec<Value>, SynergyError> {
+    let PostureRecord {
+        posture,
+        object,
+        episode,
+        lambda,
+        seed,
+        goal,
+        step,
+    } = record;
+    for (name, value) in [
+        ("lambda", lambda),
+        ("goal_x", &goal[0]),
+        ("goal_y", &goal[1]),
+        ("goal_z", &goal[2]),
+    ] {
+        if !value.is_finite() {
+            return Err(SynergyError::invalid(name, "a finite number", value));
+        }
+    }
+    let episode = i64::try_from(*episode)
+        .map_err(|_| SynergyError::invalid("episode", "at most 2^63 - 1", episode))?;
+    let mut values = vec![
+        Value::Integer(episode),
+        Value::Text(object.clone()),
+        Value::Real(*lambda),
+        Value::Integer(seed.cast_signed()),
+        Value::Integer(i64::from(*step)),
+    ];
+    values.extend(goal.iter().chain(posture).map(|value| Value::Real(*value)));
+    Ok(values)
+}
+
+pub(super) fn from_row(row: &Row<'_>, n_joints: usize) -> rusqlite::Result<PostureRecord> {
+    let first = RECORD_COLUMNS.len();
+    Ok(PostureRecord {
+        episode: row.get::<_, i64>(0)?.cast_unsigned(),
+        object: row.get(1)?,
+        lambda: row.get(2)?,
+        seed: row.get::<_, i64>(3)?.cast_unsigned(),
+        step: row.get(4)?,
+        goal: [row.get(5)?, row.get(6)?, row.get(7)?],
+        posture: (first..first + n_joints)
+            .map(|i| row.get(i))
+            .collect::<Result<_, _>>()?,
+    })
+}
