@@ -159,7 +159,13 @@ impl Registry {
     /// # Errors
     /// No such hand, several of that name, or a broken one.
     pub fn get(&self, name: &str) -> Result<Hand, HandError> {
-        match self.entries.iter().find(|entry| entry.name == name) {
+        // What is broken may only be called so, by its directory: it never hides a sound hand or two of one name.
+        let unreadable = |entry: &&RegistryEntry| match &entry.hand {
+            Ok(_) | Err(HandError::DuplicateHand { .. }) => false,
+            Err(_) => true,
+        };
+        let named = self.entries.iter().filter(|entry| entry.name == name);
+        match named.min_by_key(unreadable) {
             Some(RegistryEntry { hand: Ok(hand), .. }) => Ok(hand.clone()),
             Some(RegistryEntry {
                 hand:
@@ -193,27 +199,28 @@ impl Registry {
         }
     }
 
-    /// Puts an error in place of every hand but for those with a name of their own.
+    /// Puts an error in place of every sound hand whose name another sound hand has.
     fn mark_duplicates(&mut self) {
         let named: Vec<(String, PathBuf)> = self
             .entries
             .iter()
+            .filter(|e| e.hand.is_ok())
             .map(|e| (e.name.clone(), e.directory.clone()))
             .collect();
-        for (i, entry) in self.entries.iter_mut().enumerate() {
+        for entry in self.entries.iter_mut().filter(|e| e.hand.is_ok()) {
             let mut same = named.iter().filter(|(name, _)| *name == entry.name);
-            let (Some((_, first)), Some((_, second))) = (same.next(), same.next()) else {
+            let (Some((_, first)), Some((_, next))) = (same.next(), same.next()) else {
                 continue;
             };
-            let second = if named[i].1 == *first {
-                second
+            let other = if entry.directory == *first {
+                next
             } else {
-                &named[i].1
+                &entry.directory
             };
             entry.hand = Err(HandError::DuplicateHand {
                 name: entry.name.clone(),
                 first: first.clone(),
-                second: second.clone(),
+                second: other.clone(),
             });
         }
     }

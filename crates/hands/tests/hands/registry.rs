@@ -120,6 +120,21 @@ fn a_broken_hand_is_listed_with_its_error() {
 }
 
 #[test]
+fn a_broken_hand_does_not_hide_a_sound_one() {
+    let (one, two) = (
+        place_with(&[("alpha", "bravo")]),
+        place_with(&[("x", "alpha")]),
+    );
+    std::fs::write(one.path().join("alpha/hand.toml"), "schema = ").unwrap();
+    let registry = discover(&[one.path(), two.path()]);
+    assert_eq!(registry.list().len(), 2);
+    assert_eq!(
+        registry.get("alpha").unwrap().directory,
+        two.path().join("x")
+    );
+}
+
+#[test]
 fn a_directory_that_somebody_named_must_exist() {
     let mut path = SearchPath::new();
     path.push("/nowhere/at/all", "--plugins");
