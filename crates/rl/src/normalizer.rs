@@ -74,6 +74,14 @@ impl RunningNormalizer {
         normalizer
     }
 
+    /// Restores a scaling whose statistics are not known: it scales as before, and should not be updated.
+    pub(crate) fn frozen(config: NormalizerConfig, mean: Vec<f32>, std: Vec<f32>) -> Self {
+        let mut normalizer = Self::new(config, mean.len());
+        normalizer.mean = mean;
+        normalizer.std = std;
+        normalizer
+    }
+
     /// Takes rows into the statistics.
     ///
     /// # Shapes

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::tensors::{Tensor, TensorMap};
-use crate::{Mlp, RunningNormalizer};
+use crate::{Mlp, NormalizerConfig, OutputActivation, RlError, RunningNormalizer};
 
 /// Which of the learner's two actors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,5 +96,31 @@ impl Policy {
             tensors.insert(format!("{name}.std"), Tensor::f32(vec![normalizer.dim()], normalizer.std().to_vec()));
         }
         tensors
+    }
+
+    /// Reads back what [`export_tensors`](Self::export_tensors) wrote; the clips are those of `config`.
+    ///
+    /// # Errors
+    /// [`RlError`] names the tensor that is missing or whose shape does not fit.
+    pub fn import_tensors(tensors: &TensorMap, config: &NormalizerConfig) -> Result<Self, RlError> {
+        let normalizer = |name: &str| -> Result<RunningNormalizer, RlError> {
+            let dim = tensors.get(&format!("{name}.mean"))?.shape.iter().product();
+            let mean = tensors.f32s(&format!("{name}.mean"), &[dim])?.to_vec();
+            let std = tensors.f32s(&format!("{name}.std"), &[dim])?.to_vec();
+            Ok(RunningNormalizer::frozen(*config, mean, std))
+        };
+        let (observation, goal) = (normalizer("observation")?, normalizer("goal")?);
+        let mut sizes = vec![observation.dim() + goal.dim()];
+        while let Ok(bias) = tensors.get(&format!("actor.{}.bias", sizes.len() - 1)) {
+            sizes.push(bias.shape.iter().product());
+        }
+        if sizes.len() < 2 || sizes.contains(&0) {
+            return Err(RlError::TensorMissing { name: "actor.0.bias".to_owned() });
+        }
+        let mut actor = Mlp::zeros(&sizes, OutputActivation::Tanh);
+        let mut parameters = actor.parameters().to_vec();
+        tensors.read_layers("actor", &actor, &mut parameters)?;
+        actor.parameters_mut().copy_from_slice(&parameters);
+        Ok(Self::new(actor, observation, goal))
     }
 }
