@@ -34,11 +34,7 @@ impl Actuation {
     /// # Panics
     /// If `posture` has another length than `joints`.
     pub fn commands(&self, posture: &[f64]) -> Vec<f64> {
-        assert_eq!(
-            posture.len(),
-            self.joints.len(),
-            "a posture has one value for each of its joints"
-        );
+        assert_eq!(posture.len(), self.joints.len(), "a posture has one value for each of its joints");
         let row = |i: usize| {
             let (low, high) = self.ctrlrange[i];
             let sum: f64 = self.matrix[i].iter().zip(posture).map(|(a, q)| a * q).sum();
@@ -59,16 +55,8 @@ impl Hand {
         let slide_column = joints.iter().position(|name| *name == slide.name);
         let mut map = Actuation {
             actuators: vec![slide.name.clone()],
-            matrix: vec![
-                (0..joints.len())
-                    .map(|i| f64::from(u8::from(Some(i) == slide_column)))
-                    .collect(),
-            ],
-            offset: vec![if slide_column.is_some() {
-                0.0
-            } else {
-                slide.start
-            }],
+            matrix: vec![(0..joints.len()).map(|i| f64::from(u8::from(Some(i) == slide_column))).collect()],
+            offset: vec![if slide_column.is_some() { 0.0 } else { slide.start }],
             ctrlrange: vec![(slide.range[0], slide.range[1])],
             unmapped: Vec::new(),
             joints,
@@ -94,31 +82,23 @@ impl Hand {
         match &actuator.transmission {
             Transmission::Joint(joint) => self.add_term(joint, scale, joints, &mut row),
             Transmission::FixedTendon { terms, .. } => {
-                terms.iter().for_each(|(joint, coefficient)| {
-                    self.add_term(joint, scale * coefficient, joints, &mut row)
-                });
+                terms
+                    .iter()
+                    .for_each(|(joint, coefficient)| self.add_term(joint, scale * coefficient, joints, &mut row));
             }
             Transmission::Other(_) => return None,
         }
         Some(row)
     }
 
-    fn add_term(
-        &self,
-        joint: &str,
-        scale: f64,
-        joints: &[String],
-        (row, offset): &mut (Vec<f64>, f64),
-    ) {
+    fn add_term(&self, joint: &str, scale: f64, joints: &[String], (row, offset): &mut (Vec<f64>, f64)) {
         let column = |name: &str| joints.iter().position(|j| j == name);
         if let Some(i) = column(joint) {
             row[i] += scale;
             return;
         }
-        let linear = self
-            .couplings
-            .iter()
-            .find(|c| c.dependent == joint && c.polynomial[2..].iter().all(|a| *a == 0.0));
+        let linear =
+            self.couplings.iter().find(|c| c.dependent == joint && c.polynomial[2..].iter().all(|a| *a == 0.0));
         if let Some((coupling, i)) = linear.and_then(|c| Some((c, column(c.driver.as_ref()?)?))) {
             row[i] += scale * coupling.polynomial[1];
             *offset += scale * coupling.evaluate(0.0);

@@ -48,19 +48,12 @@ pub(crate) fn read(directory: &Path, manifest: &Path, model: &str) -> Result<Clo
         }
     }
     let (files, digest) = files.finish();
-    Ok(Closure {
-        model: root,
-        files,
-        digest,
-    })
+    Ok(Closure { model: root, files, digest })
 }
 
 /// Parses XML of bounded depth; `file` is named in errors.
 pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
-    let xml_error = |message: String| HandError::Xml {
-        file: file.to_path_buf(),
-        message,
-    };
+    let xml_error = |message: String| HandError::Xml { file: file.to_path_buf(), message };
     let text = std::str::from_utf8(bytes).map_err(|e| xml_error(e.to_string()))?;
     check_depth(text).map_err(xml_error)?;
     let nodes = Element::parse_all(text.as_bytes()).map_err(|e| xml_error(e.to_string()))?;
@@ -129,24 +122,14 @@ fn expand_includes(
     depth: usize,
 ) -> Result<(), HandError> {
     if depth > MAX_DEPTH {
-        return Err(HandError::model(
-            file,
-            "<include>",
-            &format!("nesting of at most {MAX_DEPTH} elements"),
-            "more",
-        ));
+        return Err(HandError::model(file, "<include>", &format!("nesting of at most {MAX_DEPTH} elements"), "more"));
     }
     let mut children = Vec::with_capacity(element.children.len());
     for node in std::mem::take(&mut element.children) {
         match node {
             XMLNode::Element(include) if include.name == "include" => {
                 let Some(name) = include.attributes.get("file") else {
-                    return Err(HandError::model(
-                        file,
-                        "<include>",
-                        "an attribute `file`",
-                        "none",
-                    ));
+                    return Err(HandError::model(file, "<include>", "an attribute `file`", "none"));
                 };
                 let path = base.join(name);
                 if files.contains(&path) {
@@ -185,21 +168,9 @@ fn add_asset(
         "texture" => &compiler.texture_dir,
         _ => return Ok(()),
     };
-    for (attribute, value) in asset
-        .attributes
-        .iter()
-        .filter(|(name, _)| name.starts_with("file"))
-    {
-        let name = if compiler.strip_path {
-            value.rsplit(['/', '\\']).next().unwrap_or(value)
-        } else {
-            value
-        };
-        files.add(
-            model,
-            &format!("{} {attribute}", asset.name),
-            &base.join(folder).join(name),
-        )?;
+    for (attribute, value) in asset.attributes.iter().filter(|(name, _)| name.starts_with("file")) {
+        let name = if compiler.strip_path { value.rsplit(['/', '\\']).next().unwrap_or(value) } else { value };
+        files.add(model, &format!("{} {attribute}", asset.name), &base.join(folder).join(name))?;
     }
     Ok(())
 }
@@ -214,11 +185,7 @@ struct Files {
 impl Files {
     fn new(directory: &Path) -> Result<Self, HandError> {
         let canonical = directory.canonicalize().map_err(HandError::io(directory))?;
-        Ok(Self {
-            directory: directory.to_path_buf(),
-            canonical,
-            contents: BTreeMap::new(),
-        })
+        Ok(Self { directory: directory.to_path_buf(), canonical, contents: BTreeMap::new() })
     }
 
     fn contains(&self, path: &Path) -> bool {
@@ -233,11 +200,7 @@ impl Files {
         let escape = || HandError::Escape {
             file: referrer.to_path_buf(),
             key: key.to_owned(),
-            got: path
-                .strip_prefix(&self.directory)
-                .unwrap_or(path)
-                .display()
-                .to_string(),
+            got: path.strip_prefix(&self.directory).unwrap_or(path).display().to_string(),
             directory: self.directory.clone(),
         };
         if !stays_inside(path.strip_prefix(&self.directory).map_err(|_| escape())?) {
@@ -250,10 +213,7 @@ impl Files {
                 got: path.to_path_buf(),
             });
         };
-        let relative = canonical
-            .strip_prefix(&self.canonical)
-            .map_err(|_| escape())?
-            .to_path_buf();
+        let relative = canonical.strip_prefix(&self.canonical).map_err(|_| escape())?.to_path_buf();
         let bytes = std::fs::read(&canonical).map_err(HandError::io(path))?;
         self.contents.insert(relative, bytes.clone());
         Ok(bytes)
@@ -269,13 +229,10 @@ impl Files {
             hash.update((bytes.len() as u64).to_le_bytes());
             hash.update(bytes);
         }
-        let digest = hash
-            .finalize()
-            .iter()
-            .fold(String::new(), |mut text, byte| {
-                let _ = write!(text, "{byte:02x}");
-                text
-            });
+        let digest = hash.finalize().iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02x}");
+            text
+        });
         (self.contents.into_keys().collect(), digest)
     }
 }

@@ -173,12 +173,7 @@ impl HandError {
         }
     }
 
-    pub(crate) fn model(
-        file: &Path,
-        place: impl Into<String>,
-        expected: &str,
-        got: impl ToString,
-    ) -> Self {
+    pub(crate) fn model(file: &Path, place: impl Into<String>, expected: &str, got: impl ToString) -> Self {
         Self::Model {
             file: file.to_path_buf(),
             place: place.into(),
@@ -222,16 +217,9 @@ pub(crate) fn nearest<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -
 }
 
 fn did_you_mean(nearest: &Option<String>) -> String {
-    nearest
-        .as_ref()
-        .map(|name| format!(" (did you mean `{name}`?)"))
-        .unwrap_or_default()
+    nearest.as_ref().map(|name| format!(" (did you mean `{name}`?)")).unwrap_or_default()
 }
 
 fn list_or(names: &[String], none: &str) -> String {
-    if names.is_empty() {
-        none.to_owned()
-    } else {
-        names.join(", ")
-    }
+    if names.is_empty() { none.to_owned() } else { names.join(", ") }
 }

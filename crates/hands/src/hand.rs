@@ -82,8 +82,7 @@ pub struct HandJoint {
 impl HandJoint {
     /// Returns `value` moved to the nearest position that the joint can take.
     pub fn clamp(&self, value: f64) -> f64 {
-        self.range
-            .map_or(value, |(low, high)| value.clamp(low, high))
+        self.range.map_or(value, |(low, high)| value.clamp(low, high))
     }
 }
 
@@ -186,13 +185,9 @@ impl Hand {
         let directory = directory.as_ref();
         let manifest_path = directory.join(MANIFEST_FILE);
         if directory.is_dir() && !manifest_path.is_file() {
-            return Err(HandError::NoManifest {
-                path: directory.to_path_buf(),
-                expected: MANIFEST_FILE,
-            });
+            return Err(HandError::NoManifest { path: directory.to_path_buf(), expected: MANIFEST_FILE });
         }
-        let text =
-            std::fs::read_to_string(&manifest_path).map_err(HandError::io(&manifest_path))?;
+        let text = std::fs::read_to_string(&manifest_path).map_err(HandError::io(&manifest_path))?;
         let manifest = HandManifest::parse(&text, &manifest_path)?;
         let ModelFormat::Mjcf = manifest.format;
         let closure = closure::read(directory, &manifest_path, &manifest.model)?;
@@ -233,23 +228,11 @@ impl Hand {
         let mut values: BTreeMap<String, f64> = self
             .joints
             .iter()
-            .map(|j| {
-                (
-                    j.name.clone(),
-                    written
-                        .get(&j.name)
-                        .copied()
-                        .unwrap_or_else(|| j.clamp(0.0)),
-                )
-            })
+            .map(|j| (j.name.clone(), written.get(&j.name).copied().unwrap_or_else(|| j.clamp(0.0))))
             .collect();
         // A chain of couplings settles after as many passes as it has links.
         for _ in &self.couplings {
-            for coupling in self
-                .couplings
-                .iter()
-                .filter(|c| !written.contains_key(&c.dependent))
-            {
+            for coupling in self.couplings.iter().filter(|c| !written.contains_key(&c.dependent)) {
                 let driver = coupling
                     .driver
                     .as_ref()
@@ -267,14 +250,6 @@ impl Hand {
     /// Returns the posture at the start of an episode, in the order of [`Self::posture`].
     pub fn open_posture_vector(&self) -> Vec<f64> {
         let values = self.open_posture();
-        self.posture
-            .iter()
-            .map(|joint| {
-                values
-                    .get(&joint.name)
-                    .copied()
-                    .unwrap_or(self.manifest.slide.start)
-            })
-            .collect()
+        self.posture.iter().map(|joint| values.get(&joint.name).copied().unwrap_or(self.manifest.slide.start)).collect()
     }
 }

@@ -20,10 +20,7 @@ mod summary;
 
 pub use actuation::Actuation;
 pub use error::HandError;
-pub use hand::{
-    Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo,
-    Transmission,
-};
+pub use hand::{Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
 pub use manifest::{HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide};
 pub use mjcf::{AngleUnit, Compiler};
 pub use registry::{PLUGINS_VARIABLE, Registry, RegistryEntry, SearchPath};

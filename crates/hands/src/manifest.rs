@@ -178,22 +178,11 @@ impl HandManifest {
                 file,
                 "schema",
                 schema::expected("schema"),
-                table
-                    .get("schema")
-                    .map_or(String::new(), ToString::to_string),
+                table.get("schema").map_or(String::new(), ToString::to_string),
             ));
         }
-        if let Some(format) = table
-            .get("format")
-            .and_then(toml::Value::as_str)
-            .filter(|f| *f != "mjcf")
-        {
-            return Err(HandError::invalid(
-                file,
-                "format",
-                schema::expected("format"),
-                format!("\"{format}\""),
-            ));
+        if let Some(format) = table.get("format").and_then(toml::Value::as_str).filter(|f| *f != "mjcf") {
+            return Err(HandError::invalid(file, "format", schema::expected("format"), format!("\"{format}\"")));
         }
         let mut manifest: Self = toml::from_str(text).map_err(|e| toml_error(&e))?;
         manifest.written = written;
@@ -202,98 +191,48 @@ impl HandManifest {
     }
 
     /// Returns the posture's joints in order where the manifest lists them, else the slide and then `model_joints`.
-    pub fn posture_joints_or<'a>(
-        &self,
-        model_joints: impl IntoIterator<Item = &'a str>,
-    ) -> Vec<String> {
+    pub fn posture_joints_or<'a>(&self, model_joints: impl IntoIterator<Item = &'a str>) -> Vec<String> {
         match &self.posture_joints {
             Some(names) => names.clone(),
-            None => std::iter::once(self.slide.name.clone())
-                .chain(model_joints.into_iter().map(str::to_owned))
-                .collect(),
+            None => {
+                std::iter::once(self.slide.name.clone()).chain(model_joints.into_iter().map(str::to_owned)).collect()
+            }
         }
     }
 
     fn check(&self, file: &Path) -> Result<(), HandError> {
         let require = |ok: bool, key: &str, got: String| {
-            if ok {
-                Ok(())
-            } else {
-                Err(HandError::invalid(file, key, schema::expected(key), got))
-            }
+            if ok { Ok(()) } else { Err(HandError::invalid(file, key, schema::expected(key), got)) }
         };
-        require(
-            is_plain_name(&self.name),
-            "name",
-            format!("\"{}\"", self.name),
-        )?;
+        require(is_plain_name(&self.name), "name", format!("\"{}\"", self.name))?;
         require(!self.palm.is_empty(), "palm", "\"\"".to_owned())?;
         require(!self.fingertips.is_empty(), "fingertips", "[]".to_owned())?;
         check_relative(&self.model, file)?;
-        for (key, names) in [
-            ("fingertips", Some(&self.fingertips)),
-            ("posture_joints", self.posture_joints.as_ref()),
-        ] {
+        for (key, names) in [("fingertips", Some(&self.fingertips)), ("posture_joints", self.posture_joints.as_ref())] {
             if let Some(twice) = names.and_then(|names| first_duplicate(names)) {
-                return Err(HandError::invalid(
-                    file,
-                    key,
-                    "names that differ",
-                    format!("`{twice}` twice"),
-                ));
+                return Err(HandError::invalid(file, key, "names that differ", format!("`{twice}` twice")));
             }
         }
-        require(
-            self.posture_joints
-                .as_ref()
-                .is_none_or(|names| !names.is_empty()),
-            "posture_joints",
-            "[]".to_owned(),
-        )?;
+        require(self.posture_joints.as_ref().is_none_or(|names| !names.is_empty()), "posture_joints", "[]".to_owned())?;
         self.check_mount(file)?;
         let slide = &self.slide;
         let [low, high] = slide.range;
         require(!slide.name.is_empty(), "slide.name", "\"\"".to_owned())?;
         require(low < high, "slide.range", format!("[{low}, {high}]"))?;
-        require(
-            (low..=high).contains(&slide.start),
-            "slide.start",
-            slide.start.to_string(),
-        )?;
+        require((low..=high).contains(&slide.start), "slide.start", slide.start.to_string())?;
         require(slide.kp > 0.0, "slide.kp", slide.kp.to_string())?;
-        require(
-            slide.damping >= 0.0,
-            "slide.damping",
-            slide.damping.to_string(),
-        )?;
-        require(
-            slide.force_limit > 0.0,
-            "slide.force_limit",
-            slide.force_limit.to_string(),
-        )?;
-        require(
-            slide.armature >= 0.0,
-            "slide.armature",
-            slide.armature.to_string(),
-        )?;
+        require(slide.damping >= 0.0, "slide.damping", slide.damping.to_string())?;
+        require(slide.force_limit > 0.0, "slide.force_limit", slide.force_limit.to_string())?;
+        require(slide.armature >= 0.0, "slide.armature", slide.armature.to_string())?;
         if let Some(speed) = slide.rise_speed {
             require(speed > 0.0, "slide.rise_speed", speed.to_string())?;
         }
-        require(
-            self.objects.scale > 0.0,
-            "objects.scale",
-            self.objects.scale.to_string(),
-        )
+        require(self.objects.scale > 0.0, "objects.scale", self.objects.scale.to_string())
     }
 
     fn check_mount(&self, file: &Path) -> Result<(), HandError> {
         if self.mount.quaternion.is_some() && self.mount.euler_deg.is_some() {
-            return Err(HandError::invalid(
-                file,
-                "mount",
-                "either `quaternion` or `euler_deg`",
-                "both",
-            ));
+            return Err(HandError::invalid(file, "mount", "either `quaternion` or `euler_deg`", "both"));
         }
         if let Some(q) = self.mount.quaternion {
             let norm = q.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -312,16 +251,9 @@ impl HandManifest {
 
 fn check_relative(model: &str, file: &Path) -> Result<(), HandError> {
     if model.is_empty() {
-        return Err(HandError::invalid(
-            file,
-            "model",
-            schema::expected("model"),
-            "\"\"",
-        ));
+        return Err(HandError::invalid(file, "model", schema::expected("model"), "\"\""));
     }
-    let inside = Path::new(model)
-        .components()
-        .all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let inside = Path::new(model).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if inside {
         return Ok(());
     }
@@ -335,9 +267,7 @@ fn check_relative(model: &str, file: &Path) -> Result<(), HandError> {
 
 fn is_plain_name(name: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit())
-        && name
-            .chars()
-            .all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_')
+        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_')
 }
 
 fn first_duplicate(names: &[String]) -> Option<&String> {

@@ -12,20 +12,12 @@ const MAIN_CLASS: &str = "main";
 
 /// Lists the child elements of `element`.
 pub(crate) fn elements(element: &Element) -> impl Iterator<Item = &Element> {
-    element
-        .children
-        .iter()
-        .filter_map(xmltree::XMLNode::as_element)
+    element.children.iter().filter_map(xmltree::XMLNode::as_element)
 }
 
 /// Lists the elements in all top-level sections named `section`; MJCF allows a section to be repeated.
-pub(crate) fn section<'a>(
-    root: &'a Element,
-    section: &'a str,
-) -> impl Iterator<Item = &'a Element> {
-    elements(root)
-        .filter(move |e| e.name == section)
-        .flat_map(elements)
+pub(crate) fn section<'a>(root: &'a Element, section: &'a str) -> impl Iterator<Item = &'a Element> {
+    elements(root).filter(move |e| e.name == section).flat_map(elements)
 }
 
 /// Unit of angles in a model file.
@@ -69,17 +61,10 @@ impl Compiler {
                 Some("degree") => compiler.angle = AngleUnit::Degree,
                 None => {}
                 Some(other) => {
-                    return Err(HandError::model(
-                        file,
-                        "compiler angle",
-                        "`degree` or `radian`",
-                        format!("`{other}`"),
-                    ));
+                    return Err(HandError::model(file, "compiler angle", "`degree` or `radian`", format!("`{other}`")));
                 }
             }
-            compiler.autolimits = attributes
-                .flag("autolimits")?
-                .unwrap_or(compiler.autolimits);
+            compiler.autolimits = attributes.flag("autolimits")?.unwrap_or(compiler.autolimits);
             compiler.strip_path = attributes.flag("strippath")?.unwrap_or(compiler.strip_path);
             if let Some(folder) = element.attributes.get("meshdir") {
                 compiler.mesh_dir.clone_from(folder);
@@ -110,15 +95,9 @@ pub(crate) struct Defaults {
 impl Defaults {
     /// Reads all default classes of `root`.
     pub(crate) fn read(root: &Element, file: &Path) -> Result<Self, HandError> {
-        let mut defaults = Self {
-            classes: BTreeMap::new(),
-            main: MAIN_CLASS.to_owned(),
-        };
+        let mut defaults = Self { classes: BTreeMap::new(), main: MAIN_CLASS.to_owned() };
         for (i, top) in elements(root).filter(|e| e.name == "default").enumerate() {
-            let name = top
-                .attributes
-                .get("class")
-                .map_or(MAIN_CLASS, String::as_str);
+            let name = top.attributes.get("class").map_or(MAIN_CLASS, String::as_str);
             if i == 0 {
                 defaults.main = name.to_owned();
             }
@@ -168,12 +147,7 @@ impl Defaults {
         childclass: Option<&str>,
         file: &Path,
     ) -> Result<Attributes, HandError> {
-        let class = element
-            .attributes
-            .get("class")
-            .map(String::as_str)
-            .or(childclass)
-            .unwrap_or(&self.main);
+        let class = element.attributes.get("class").map(String::as_str).or(childclass).unwrap_or(&self.main);
         let Some(values) = self.classes.get(class) else {
             let known = self.classes.keys().map(String::as_str);
             return Err(HandError::unresolved(
@@ -184,26 +158,18 @@ impl Defaults {
                 known,
             ));
         };
-        let mut map = values
-            .get(family(&element.name))
-            .cloned()
-            .unwrap_or_default();
+        let mut map = values.get(family(&element.name)).cloned().unwrap_or_default();
         for (key, value) in &element.attributes {
             map.insert(key.clone(), value.clone());
         }
-        Ok(Attributes {
-            place: place(element),
-            map,
-            file: file.to_path_buf(),
-        })
+        Ok(Attributes { place: place(element), map, file: file.to_path_buf() })
     }
 }
 
 /// All actuator shortcuts set one and the same default in MuJoCo.
 fn family(tag: &str) -> &str {
     match tag {
-        "motor" | "position" | "velocity" | "intvelocity" | "damper" | "cylinder" | "muscle"
-        | "adhesion" => "general",
+        "motor" | "position" | "velocity" | "intvelocity" | "damper" | "cylinder" | "muscle" | "adhesion" => "general",
         "fixed" | "spatial" => "tendon",
         other => other,
     }
@@ -227,11 +193,7 @@ pub(crate) struct Attributes {
 impl Attributes {
     /// Takes the attributes of `element` alone, without defaults.
     pub(crate) fn of(element: &Element, file: &Path) -> Self {
-        Self {
-            place: place(element),
-            map: element.attributes.clone(),
-            file: file.to_path_buf(),
-        }
+        Self { place: place(element), map: element.attributes.clone(), file: file.to_path_buf() }
     }
 
     pub(crate) fn text(&self, key: &str) -> Option<&str> {
@@ -263,9 +225,7 @@ impl Attributes {
         };
         let parsed: Result<Vec<f64>, _> = text.split_whitespace().map(str::parse::<f64>).collect();
         match parsed {
-            Ok(values) if !values.is_empty() && values.iter().all(|v| v.is_finite()) => {
-                Ok(Some(values))
-            }
+            Ok(values) if !values.is_empty() && values.iter().all(|v| v.is_finite()) => Ok(Some(values)),
             _ => Err(self.error(key, "finite numbers", format!("`{text}`"))),
         }
     }
@@ -275,26 +235,16 @@ impl Attributes {
     }
 
     /// Reads a range that is in force: `range_key` present, and `limited_key` not false.
-    pub(crate) fn limits(
-        &self,
-        range_key: &str,
-        limited_key: &str,
-    ) -> Result<Option<(f64, f64)>, HandError> {
+    pub(crate) fn limits(&self, range_key: &str, limited_key: &str) -> Result<Option<(f64, f64)>, HandError> {
         let range = self.numbers(range_key)?;
         match (range, self.flag(limited_key)?) {
             (_, Some(false)) | (None, None) => Ok(None),
-            (None, Some(true)) => {
-                Err(self.error(range_key, "two numbers, because it is limited", "none"))
-            }
+            (None, Some(true)) => Err(self.error(range_key, "two numbers, because it is limited", "none")),
             (Some(values), _) => match values[..] {
                 [low, high] if low < high => Ok(Some((low, high))),
                 // MuJoCo's own way to say that there is no range.
                 [low, high] if low == 0.0 && high == 0.0 => Ok(None),
-                _ => Err(self.error(
-                    range_key,
-                    "two numbers, the lower first",
-                    format!("{values:?}"),
-                )),
+                _ => Err(self.error(range_key, "two numbers, the lower first", format!("{values:?}"))),
             },
         }
     }

@@ -44,22 +44,12 @@ impl Contents {
             reader.children(world, "world", None)?;
         }
         if reader.contents.joints.is_empty() {
-            return Err(HandError::model(
-                file,
-                "<worldbody>",
-                "at least one joint",
-                "none",
-            ));
+            return Err(HandError::model(file, "<worldbody>", "at least one joint", "none"));
         }
         let (tendons, other_tendons) = reader.tendons(root)?;
         for element in section(root, "actuator") {
             let actuator = reader.actuator(element, &tendons, &other_tendons)?;
-            if reader
-                .contents
-                .actuators
-                .iter()
-                .any(|a| a.name == actuator.name)
-            {
+            if reader.contents.actuators.iter().any(|a| a.name == actuator.name) {
                 return Err(HandError::model(
                     file,
                     format!("actuator `{}`", actuator.name),
@@ -70,12 +60,7 @@ impl Contents {
             reader.contents.actuators.push(actuator);
         }
         if reader.contents.actuators.is_empty() {
-            return Err(HandError::model(
-                file,
-                "<actuator>",
-                "at least one actuator",
-                "none",
-            ));
+            return Err(HandError::model(file, "<actuator>", "at least one actuator", "none"));
         }
         for element in section(root, "equality").filter(|e| e.name == "joint") {
             let coupling = reader.coupling(element)?;
@@ -93,12 +78,7 @@ struct Reader<'a> {
 
 impl Reader<'_> {
     /// Reads what is inside a body: its own joints and sites first, then its child bodies, as MuJoCo numbers them.
-    fn children(
-        &mut self,
-        parent: &Element,
-        body: &str,
-        childclass: Option<&str>,
-    ) -> Result<(), HandError> {
+    fn children(&mut self, parent: &Element, body: &str, childclass: Option<&str>) -> Result<(), HandError> {
         for child in elements(parent) {
             match child.name.as_str() {
                 "joint" => self.joint(child, body, childclass)?,
@@ -110,32 +90,20 @@ impl Reader<'_> {
                         "a free joint; a hand is carried by its mount",
                     ));
                 }
-                "site" => self
-                    .contents
-                    .sites
-                    .extend(child.attributes.get("name").cloned()),
+                "site" => self.contents.sites.extend(child.attributes.get("name").cloned()),
                 _ => {}
             }
         }
         for child in elements(parent).filter(|e| e.name == "body") {
             let name = child.attributes.get("name").cloned().unwrap_or_default();
-            let childclass = child
-                .attributes
-                .get("childclass")
-                .map(String::as_str)
-                .or(childclass);
+            let childclass = child.attributes.get("childclass").map(String::as_str).or(childclass);
             self.children(child, &name, childclass)?;
             self.contents.bodies.insert(name);
         }
         Ok(())
     }
 
-    fn joint(
-        &mut self,
-        element: &Element,
-        body: &str,
-        childclass: Option<&str>,
-    ) -> Result<(), HandError> {
+    fn joint(&mut self, element: &Element, body: &str, childclass: Option<&str>) -> Result<(), HandError> {
         let attributes = self.defaults.resolve(element, childclass, self.file)?;
         let kind = match attributes.text("type").unwrap_or("hinge") {
             "hinge" => JointKind::Hinge,
@@ -153,24 +121,13 @@ impl Reader<'_> {
             ));
         };
         if self.contents.joints.iter().any(|joint| joint.name == *name) {
-            return Err(HandError::model(
-                self.file,
-                attributes.place(),
-                "names that differ",
-                "the name twice",
-            ));
+            return Err(HandError::model(self.file, attributes.place(), "names that differ", "the name twice"));
         }
         let compiler = &self.contents.compiler;
         let convert = |value: f64| {
-            if kind == JointKind::Hinge {
-                compiler.radians(value)
-            } else {
-                value
-            }
+            if kind == JointKind::Hinge { compiler.radians(value) } else { value }
         };
-        let range = attributes
-            .limits("range", "limited")?
-            .map(|(low, high)| (convert(low), convert(high)));
+        let range = attributes.limits("range", "limited")?.map(|(low, high)| (convert(low), convert(high)));
         let reference = convert(attributes.number("ref")?.unwrap_or(0.0));
         self.contents.joints.push(HandJoint {
             name: name.clone(),
@@ -194,9 +151,7 @@ impl Reader<'_> {
             }
             let mut terms = Vec::new();
             for term in elements(tendon).filter(|e| e.name == "joint") {
-                let joint = self.known_joint(term.attributes.get("joint"), || {
-                    format!("tendon `{name}` joint")
-                })?;
+                let joint = self.known_joint(term.attributes.get("joint"), || format!("tendon `{name}` joint"))?;
                 let coefficient = Attributes::of(term, self.file).number("coef")?;
                 terms.push((joint, coefficient.unwrap_or(1.0)));
             }
@@ -205,30 +160,15 @@ impl Reader<'_> {
         Ok((fixed, other))
     }
 
-    fn known_joint(
-        &self,
-        name: Option<&String>,
-        key: impl Fn() -> String,
-    ) -> Result<String, HandError> {
+    fn known_joint(&self, name: Option<&String>, key: impl Fn() -> String) -> Result<String, HandError> {
         let joints = &self.contents.joints;
         match name {
             Some(name) if joints.iter().any(|joint| joint.name == *name) => Ok(name.clone()),
             Some(name) => {
                 let known = joints.iter().map(|j| j.name.as_str());
-                Err(HandError::unresolved(
-                    self.file,
-                    key(),
-                    "a joint of the model",
-                    name,
-                    known,
-                ))
+                Err(HandError::unresolved(self.file, key(), "a joint of the model", name, known))
             }
-            None => Err(HandError::model(
-                self.file,
-                key(),
-                "the name of a joint",
-                "none",
-            )),
+            None => Err(HandError::model(self.file, key(), "the name of a joint", "none")),
         }
     }
 
@@ -248,20 +188,12 @@ impl Reader<'_> {
             ));
         };
         let key = |attribute: &str| format!("actuator `{name}` {attribute}");
-        let transmission = if let Some(joint) = attributes
-            .text("joint")
-            .or(attributes.text("jointinparent"))
-        {
+        let transmission = if let Some(joint) = attributes.text("joint").or(attributes.text("jointinparent")) {
             Transmission::Joint(self.known_joint(Some(&joint.to_owned()), || key("joint"))?)
         } else if let Some(tendon) = attributes.text("tendon") {
             match tendons.get(tendon) {
-                Some(terms) => Transmission::FixedTendon {
-                    name: tendon.to_owned(),
-                    terms: terms.clone(),
-                },
-                None if other_tendons.contains(tendon) => {
-                    Transmission::Other(format!("tendon {tendon}"))
-                }
+                Some(terms) => Transmission::FixedTendon { name: tendon.to_owned(), terms: terms.clone() },
+                None if other_tendons.contains(tendon) => Transmission::Other(format!("tendon {tendon}")),
                 None => {
                     let known = tendons.keys().chain(other_tendons).map(String::as_str);
                     return Err(HandError::unresolved(
@@ -274,30 +206,18 @@ impl Reader<'_> {
                 }
             }
         } else {
-            let found = ["site", "body", "cranksite"]
-                .into_iter()
-                .find_map(|a| attributes.text(a).map(|n| format!("{a} {n}")));
-            let missing = || {
-                HandError::model(
-                    self.file,
-                    attributes.place(),
-                    "a joint, tendon, site or body to act on",
-                    "none",
-                )
-            };
+            let found =
+                ["site", "body", "cranksite"].into_iter().find_map(|a| attributes.text(a).map(|n| format!("{a} {n}")));
+            let missing =
+                || HandError::model(self.file, attributes.place(), "a joint, tendon, site or body to act on", "none");
             Transmission::Other(found.ok_or_else(missing)?)
         };
         let gear = attributes.number("gear")?.unwrap_or(1.0);
         let servo = servo::read(&element.name, &attributes)?;
         let written = attributes.limits("ctrlrange", "ctrllimited")?;
-        let Some(ctrlrange) =
-            written.or_else(|| servo::reach(&self.contents.joints, &transmission, gear, servo))
+        let Some(ctrlrange) = written.or_else(|| servo::reach(&self.contents.joints, &transmission, gear, servo))
         else {
-            return Err(attributes.error(
-                "ctrlrange",
-                "two numbers with ctrllimited=\"true\"",
-                "none",
-            ));
+            return Err(attributes.error("ctrlrange", "two numbers with ctrllimited=\"true\"", "none"));
         };
         let forcerange = attributes.limits("forcerange", "forcelimited")?;
         Ok(HandActuator {
@@ -313,20 +233,10 @@ impl Reader<'_> {
     }
 
     fn coupling(&self, element: &Element) -> Result<Option<HandCoupling>, HandError> {
-        let name = element
-            .attributes
-            .get("name")
-            .or(element.attributes.get("joint1"))
-            .cloned()
-            .unwrap_or_default();
+        let name = element.attributes.get("name").or(element.attributes.get("joint1")).cloned().unwrap_or_default();
         let mut general = element.clone();
         general.name = "equality".to_owned();
-        if self
-            .defaults
-            .resolve(&general, None, self.file)?
-            .flag("active")?
-            == Some(false)
-        {
+        if self.defaults.resolve(&general, None, self.file)?.flag("active")? == Some(false) {
             return Ok(None);
         }
         let key = |attribute: &str| format!("equality `{name}` {attribute}");
@@ -336,28 +246,12 @@ impl Reader<'_> {
             None => None,
         };
         let mut polynomial = [0.0, 1.0, 0.0, 0.0, 0.0];
-        let written = Attributes::of(element, self.file)
-            .numbers("polycoef")?
-            .unwrap_or_default();
+        let written = Attributes::of(element, self.file).numbers("polycoef")?.unwrap_or_default();
         if written.len() > polynomial.len() {
-            return Err(HandError::model(
-                self.file,
-                key("polycoef"),
-                "at most five numbers",
-                written.len(),
-            ));
+            return Err(HandError::model(self.file, key("polycoef"), "at most five numbers", written.len()));
         }
-        polynomial
-            .iter_mut()
-            .zip(written)
-            .for_each(|(to, from)| *to = from);
-        let reference = |name: &str| {
-            self.contents
-                .joints
-                .iter()
-                .find(|j| j.name == name)
-                .map_or(0.0, |j| j.reference)
-        };
+        polynomial.iter_mut().zip(written).for_each(|(to, from)| *to = from);
+        let reference = |name: &str| self.contents.joints.iter().find(|j| j.name == name).map_or(0.0, |j| j.reference);
         Ok(Some(HandCoupling {
             dependent_reference: reference(&dependent),
             driver_reference: driver.as_deref().map_or(0.0, reference),

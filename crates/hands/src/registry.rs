@@ -50,11 +50,7 @@ impl SearchPath {
 
     /// Adds a directory of plugins, or one plugin's own directory; `origin` says who named it, for errors.
     pub fn push(&mut self, directory: impl Into<PathBuf>, origin: &str) {
-        self.places.push(Place {
-            directory: directory.into(),
-            origin: origin.to_owned(),
-            must_exist: true,
-        });
+        self.places.push(Place { directory: directory.into(), origin: origin.to_owned(), must_exist: true });
     }
 
     /// Lists the directories in order.
@@ -70,16 +66,8 @@ impl SearchPath {
                 .find(|d| d.join(WORKSPACE_MARK).is_file() && d.join(PLUGINS_FOLDER).is_dir())
                 .map(|d| d.join(PLUGINS_FOLDER))
         };
-        let directory = if here.is_dir() {
-            here
-        } else {
-            above().unwrap_or(here)
-        };
-        self.places.push(Place {
-            directory,
-            origin: "the workspace".to_owned(),
-            must_exist: false,
-        });
+        let directory = if here.is_dir() { here } else { above().unwrap_or(here) };
+        self.places.push(Place { directory, origin: "the workspace".to_owned(), must_exist: false });
     }
 }
 
@@ -114,10 +102,7 @@ impl Registry {
     /// # Errors
     /// A directory that somebody named does not exist or cannot be read.
     pub fn discover(path: &SearchPath) -> Result<Self, HandError> {
-        let mut registry = Self {
-            entries: Vec::new(),
-            searched: Vec::new(),
-        };
+        let mut registry = Self { entries: Vec::new(), searched: Vec::new() };
         let mut seen = Vec::new();
         for place in &path.places {
             if !place.directory.is_dir() {
@@ -131,9 +116,7 @@ impl Registry {
             }
             registry.searched.push(place.directory.clone());
             for directory in plugin_directories(&place.directory)? {
-                let canonical = directory
-                    .canonicalize()
-                    .map_err(HandError::io(&directory))?;
+                let canonical = directory.canonicalize().map_err(HandError::io(&directory))?;
                 if !seen.contains(&canonical) {
                     seen.push(canonical);
                     registry.entries.push(read_entry(directory));
@@ -141,11 +124,7 @@ impl Registry {
             }
         }
         registry.mark_duplicates();
-        registry.entries.sort_by(|a, b| {
-            a.name
-                .cmp(&b.name)
-                .then_with(|| a.directory.cmp(&b.directory))
-        });
+        registry.entries.sort_by(|a, b| a.name.cmp(&b.name).then_with(|| a.directory.cmp(&b.directory)));
         Ok(registry)
     }
 
@@ -167,61 +146,34 @@ impl Registry {
         let named = self.entries.iter().filter(|entry| entry.name == name);
         match named.min_by_key(unreadable) {
             Some(RegistryEntry { hand: Ok(hand), .. }) => Ok(hand.clone()),
-            Some(RegistryEntry {
-                hand:
-                    Err(HandError::DuplicateHand {
-                        name,
-                        first,
-                        second,
-                    }),
-                ..
-            }) => Err(HandError::DuplicateHand {
-                name: name.clone(),
-                first: first.clone(),
-                second: second.clone(),
-            }),
+            Some(RegistryEntry { hand: Err(HandError::DuplicateHand { name, first, second }), .. }) => {
+                Err(HandError::DuplicateHand { name: name.clone(), first: first.clone(), second: second.clone() })
+            }
             Some(entry) => Hand::load(&entry.directory),
-            None if name.contains(std::path::MAIN_SEPARATOR)
-                || Path::new(name).join(MANIFEST_FILE).is_file() =>
-            {
+            None if name.contains(std::path::MAIN_SEPARATOR) || Path::new(name).join(MANIFEST_FILE).is_file() => {
                 Hand::load(name)
             }
             None => Err(HandError::UnknownHand {
                 got: name.to_owned(),
                 nearest: nearest(name, self.entries.iter().map(|e| e.name.as_str())),
                 known: self.entries.iter().map(|e| e.name.clone()).collect(),
-                searched: self
-                    .searched
-                    .iter()
-                    .map(|p| p.display().to_string())
-                    .collect(),
+                searched: self.searched.iter().map(|p| p.display().to_string()).collect(),
             }),
         }
     }
 
     /// Puts an error in place of every sound hand whose name another sound hand has.
     fn mark_duplicates(&mut self) {
-        let named: Vec<(String, PathBuf)> = self
-            .entries
-            .iter()
-            .filter(|e| e.hand.is_ok())
-            .map(|e| (e.name.clone(), e.directory.clone()))
-            .collect();
+        let named: Vec<(String, PathBuf)> =
+            self.entries.iter().filter(|e| e.hand.is_ok()).map(|e| (e.name.clone(), e.directory.clone())).collect();
         for entry in self.entries.iter_mut().filter(|e| e.hand.is_ok()) {
             let mut same = named.iter().filter(|(name, _)| *name == entry.name);
             let (Some((_, first)), Some((_, next))) = (same.next(), same.next()) else {
                 continue;
             };
-            let other = if entry.directory == *first {
-                next
-            } else {
-                &entry.directory
-            };
-            entry.hand = Err(HandError::DuplicateHand {
-                name: entry.name.clone(),
-                first: first.clone(),
-                second: other.clone(),
-            });
+            let other = if entry.directory == *first { next } else { &entry.directory };
+            entry.hand =
+                Err(HandError::DuplicateHand { name: entry.name.clone(), first: first.clone(), second: other.clone() });
         }
     }
 }
@@ -247,28 +199,13 @@ fn read_entry(directory: PathBuf) -> RegistryEntry {
         Ok(hand) => hand.manifest.name.clone(),
         Err(_) => written_name(&directory),
     };
-    RegistryEntry {
-        name,
-        directory,
-        hand,
-    }
+    RegistryEntry { name, directory, hand }
 }
 
 /// Returns the name of a hand that is broken, as far as it can be told.
 fn written_name(directory: &Path) -> String {
-    let table: Option<toml::Table> = std::fs::read_to_string(directory.join(MANIFEST_FILE))
-        .ok()
-        .and_then(|text| toml::from_str(&text).ok());
-    let name = table
-        .as_ref()
-        .and_then(|t| t.get("name"))
-        .and_then(toml::Value::as_str)
-        .map(str::to_owned);
-    name.unwrap_or_else(|| {
-        directory
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned()
-    })
+    let table: Option<toml::Table> =
+        std::fs::read_to_string(directory.join(MANIFEST_FILE)).ok().and_then(|text| toml::from_str(&text).ok());
+    let name = table.as_ref().and_then(|t| t.get("name")).and_then(toml::Value::as_str).map(str::to_owned);
+    name.unwrap_or_else(|| directory.file_name().unwrap_or_default().to_string_lossy().into_owned())
 }

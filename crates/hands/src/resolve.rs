@@ -9,35 +9,18 @@ use crate::manifest::HandManifest;
 use crate::model::Contents;
 
 /// Resolves the palm and the fingertips.
-pub(crate) fn frames(
-    manifest: &HandManifest,
-    contents: &Contents,
-    file: &Path,
-) -> Result<Vec<Fingertip>, HandError> {
+pub(crate) fn frames(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<Fingertip>, HandError> {
     if !contents.bodies.contains(&manifest.palm) {
         let known = contents.bodies.iter().map(String::as_str);
-        return Err(HandError::unresolved(
-            file,
-            "palm",
-            "a body of the model",
-            &manifest.palm,
-            known,
-        ));
+        return Err(HandError::unresolved(file, "palm", "a body of the model", &manifest.palm, known));
     }
     let mut tips = Vec::with_capacity(manifest.fingertips.len());
     for (i, name) in manifest.fingertips.iter().enumerate() {
-        let kind = match (
-            contents.sites.contains(name),
-            contents.bodies.contains(name),
-        ) {
+        let kind = match (contents.sites.contains(name), contents.bodies.contains(name)) {
             (true, _) => FrameKind::Site,
             (false, true) => FrameKind::Body,
             (false, false) => {
-                let known = contents
-                    .sites
-                    .iter()
-                    .chain(&contents.bodies)
-                    .map(String::as_str);
+                let known = contents.sites.iter().chain(&contents.bodies).map(String::as_str);
                 return Err(HandError::unresolved(
                     file,
                     format!("fingertips[{i}]"),
@@ -47,26 +30,15 @@ pub(crate) fn frames(
                 ));
             }
         };
-        tips.push(Fingertip {
-            name: name.clone(),
-            kind,
-        });
+        tips.push(Fingertip { name: name.clone(), kind });
     }
     Ok(tips)
 }
 
 /// Resolves the joints of the posture, the slide among them.
-pub(crate) fn posture(
-    manifest: &HandManifest,
-    contents: &Contents,
-    file: &Path,
-) -> Result<Vec<HandJoint>, HandError> {
+pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<HandJoint>, HandError> {
     let slide = &manifest.slide;
-    let taken = contents
-        .joints
-        .iter()
-        .map(|j| &j.name)
-        .chain(contents.actuators.iter().map(|a| &a.name));
+    let taken = contents.joints.iter().map(|j| &j.name).chain(contents.actuators.iter().map(|a| &a.name));
     if taken.collect::<BTreeSet<_>>().contains(&slide.name) {
         return Err(HandError::invalid(
             file,
@@ -83,34 +55,25 @@ pub(crate) fn posture(
         reference: 0.0,
         body: String::new(),
     };
-    let all: Vec<HandJoint> = std::iter::once(slide_joint)
-        .chain(contents.joints.iter().cloned())
-        .collect();
+    let all: Vec<HandJoint> = std::iter::once(slide_joint).chain(contents.joints.iter().cloned()).collect();
     let names = manifest.posture_joints_or(contents.joints.iter().map(|j| j.name.as_str()));
     let find = |(i, name): (usize, &String)| {
-        all.iter()
-            .find(|joint| joint.name == *name)
-            .cloned()
-            .ok_or_else(|| {
-                let known = all.iter().map(|j| j.name.as_str());
-                HandError::unresolved(
-                    file,
-                    format!("posture_joints[{i}]"),
-                    "a joint of the model or the slide",
-                    name,
-                    known,
-                )
-            })
+        all.iter().find(|joint| joint.name == *name).cloned().ok_or_else(|| {
+            let known = all.iter().map(|j| j.name.as_str());
+            HandError::unresolved(
+                file,
+                format!("posture_joints[{i}]"),
+                "a joint of the model or the slide",
+                name,
+                known,
+            )
+        })
     };
     names.iter().enumerate().map(find).collect()
 }
 
 /// Checks that the open posture names joints and keeps to their ranges.
-pub(crate) fn check_open_posture(
-    manifest: &HandManifest,
-    contents: &Contents,
-    file: &Path,
-) -> Result<(), HandError> {
+pub(crate) fn check_open_posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<(), HandError> {
     for (name, &value) in &manifest.open_posture {
         let key = format!("open_posture.{name}");
         let Some(joint) = contents.joints.iter().find(|joint| joint.name == *name) else {
@@ -123,18 +86,9 @@ pub(crate) fn check_open_posture(
                 ));
             }
             let known = contents.joints.iter().map(|j| j.name.as_str());
-            return Err(HandError::unresolved(
-                file,
-                key,
-                "a joint of the model",
-                name,
-                known,
-            ));
+            return Err(HandError::unresolved(file, key, "a joint of the model", name, known));
         };
-        if let Some((low, high)) = joint
-            .range
-            .filter(|(low, high)| !(*low..=*high).contains(&value))
-        {
+        if let Some((low, high)) = joint.range.filter(|(low, high)| !(*low..=*high).contains(&value)) {
             return Err(HandError::invalid(
                 file,
                 &key,

@@ -32,114 +32,34 @@ enum Kind {
 }
 
 const fn key(key: &'static str, required: bool, kind: Kind, expected: &'static str) -> KeyInfo {
-    KeyInfo {
-        key,
-        required,
-        expected,
-        kind,
-    }
+    KeyInfo { key, required, expected, kind }
 }
 
 const KEYS: &[KeyInfo] = &[
     key("schema", true, Kind::Integer, "the integer 1"),
-    key(
-        "name",
-        true,
-        Kind::Text,
-        "a name of lower-case letters, digits, `-` and `_`, in quotes",
-    ),
+    key("name", true, Kind::Text, "a name of lower-case letters, digits, `-` and `_`, in quotes"),
     key("description", false, Kind::Text, "a line of text in quotes"),
-    key(
-        "model",
-        true,
-        Kind::Text,
-        "the model file's path inside the hand's directory, in quotes",
-    ),
+    key("model", true, Kind::Text, "the model file's path inside the hand's directory, in quotes"),
     key("format", false, Kind::Text, "\"mjcf\""),
-    key(
-        "posture_joints",
-        false,
-        Kind::Texts,
-        "a list of joint names",
-    ),
-    key(
-        "palm",
-        true,
-        Kind::Text,
-        "the name of the palm's body, in quotes",
-    ),
-    key(
-        "fingertips",
-        true,
-        Kind::Texts,
-        "a list of site or body names, one for each finger",
-    ),
-    key(
-        "licence",
-        false,
-        Kind::Text,
-        "an SPDX licence expression in quotes",
-    ),
+    key("posture_joints", false, Kind::Texts, "a list of joint names"),
+    key("palm", true, Kind::Text, "the name of the palm's body, in quotes"),
+    key("fingertips", true, Kind::Texts, "a list of site or body names, one for each finger"),
+    key("licence", false, Kind::Text, "an SPDX licence expression in quotes"),
     key("provenance", false, Kind::Texts, "a list of lines of text"),
     key("mount", true, Kind::Table, "a table [mount]"),
-    key(
-        "mount.position",
-        true,
-        Kind::Numbers(3),
-        "three numbers [x, y, z] in metres",
-    ),
-    key(
-        "mount.quaternion",
-        false,
-        Kind::Numbers(4),
-        "four numbers [w, x, y, z], not all zero",
-    ),
-    key(
-        "mount.euler_deg",
-        false,
-        Kind::Numbers(3),
-        "three numbers [about x, about y, about z] in degrees",
-    ),
+    key("mount.position", true, Kind::Numbers(3), "three numbers [x, y, z] in metres"),
+    key("mount.quaternion", false, Kind::Numbers(4), "four numbers [w, x, y, z], not all zero"),
+    key("mount.euler_deg", false, Kind::Numbers(3), "three numbers [about x, about y, about z] in degrees"),
     key("slide", false, Kind::Table, "a table [slide]"),
     key("slide.name", false, Kind::Text, "a joint name in quotes"),
-    key(
-        "slide.range",
-        false,
-        Kind::Numbers(2),
-        "two numbers [low, high] in metres, low < high",
-    ),
-    key(
-        "slide.start",
-        false,
-        Kind::Number,
-        "a number of metres inside slide.range",
-    ),
+    key("slide.range", false, Kind::Numbers(2), "two numbers [low, high] in metres, low < high"),
+    key("slide.start", false, Kind::Number, "a number of metres inside slide.range"),
     key("slide.kp", false, Kind::Number, "a positive number (N/m)"),
-    key(
-        "slide.damping",
-        false,
-        Kind::Number,
-        "a number >= 0 (N s/m)",
-    ),
-    key(
-        "slide.force_limit",
-        false,
-        Kind::Number,
-        "a positive number (N)",
-    ),
+    key("slide.damping", false, Kind::Number, "a number >= 0 (N s/m)"),
+    key("slide.force_limit", false, Kind::Number, "a positive number (N)"),
     key("slide.armature", false, Kind::Number, "a number >= 0 (kg)"),
-    key(
-        "slide.rise_speed",
-        false,
-        Kind::Number,
-        "a positive number (m/s)",
-    ),
-    key(
-        "open_posture",
-        false,
-        Kind::NumberMap,
-        "a table of joint name = value",
-    ),
+    key("slide.rise_speed", false, Kind::Number, "a positive number (m/s)"),
+    key("open_posture", false, Kind::NumberMap, "a table of joint name = value"),
     key("objects", false, Kind::Table, "a table [objects]"),
     key("objects.scale", false, Kind::Number, "a positive number"),
 ];
@@ -150,9 +70,7 @@ pub fn keys() -> &'static [KeyInfo] {
 }
 
 pub(crate) fn expected(key: &str) -> &'static str {
-    KEYS.iter()
-        .find(|info| info.key == key)
-        .map_or("another value", |info| info.expected)
+    KEYS.iter().find(|info| info.key == key).map_or("another value", |info| info.expected)
 }
 
 /// Checks the keys and the types of their values, and returns the keys that are written.
@@ -171,28 +89,14 @@ pub(crate) fn check(table: &Table, file: &Path) -> Result<BTreeSet<String>, Hand
     Ok(written)
 }
 
-fn check_table(
-    table: &Table,
-    parent: &str,
-    file: &Path,
-    written: &mut BTreeSet<String>,
-) -> Result<(), HandError> {
+fn check_table(table: &Table, parent: &str, file: &Path, written: &mut BTreeSet<String>) -> Result<(), HandError> {
     for (name, value) in table {
-        let path = if parent.is_empty() {
-            name.clone()
-        } else {
-            format!("{parent}.{name}")
-        };
+        let path = if parent.is_empty() { name.clone() } else { format!("{parent}.{name}") };
         let Some(info) = KEYS.iter().find(|info| info.key == path) else {
             return Err(unknown_key(name, parent, path, file));
         };
         if !matches_kind(value, info.kind) {
-            return Err(HandError::invalid(
-                file,
-                &path,
-                info.expected,
-                describe(value),
-            ));
+            return Err(HandError::invalid(file, &path, info.expected, describe(value)));
         }
         match (value, info.kind) {
             (Value::Table(inner), Kind::Table) => check_table(inner, &path, file, written)?,
@@ -235,13 +139,9 @@ fn matches_kind(value: &Value, kind: Kind) -> bool {
     match kind {
         Kind::Integer => value.is_integer(),
         Kind::Text => value.is_str(),
-        Kind::Texts => value
-            .as_array()
-            .is_some_and(|items| items.iter().all(Value::is_str)),
+        Kind::Texts => value.as_array().is_some_and(|items| items.iter().all(Value::is_str)),
         Kind::Number => is_number(value),
-        Kind::Numbers(n) => value
-            .as_array()
-            .is_some_and(|items| items.len() == n && items.iter().all(is_number)),
+        Kind::Numbers(n) => value.as_array().is_some_and(|items| items.len() == n && items.iter().all(is_number)),
         Kind::Table | Kind::NumberMap => value.is_table(),
     }
 }

@@ -10,29 +10,18 @@ pub(crate) fn read(tag: &str, attributes: &Attributes) -> Result<Option<Servo>, 
     let servo = match tag {
         "position" => {
             let kp = attributes.number("kp")?.unwrap_or(first_gain);
-            Servo {
-                gain: kp,
-                bias: 0.0,
-                stiffness: kp,
-            }
+            Servo { gain: kp, bias: 0.0, stiffness: kp }
         }
         "general" => {
             let affine = attributes.text("biastype") == Some("affine")
                 && attributes.text("gaintype").unwrap_or("fixed") == "fixed";
-            let static_gain = matches!(
-                attributes.text("dyntype").unwrap_or("none"),
-                "none" | "filter" | "filterexact"
-            );
+            let static_gain = matches!(attributes.text("dyntype").unwrap_or("none"), "none" | "filter" | "filterexact");
             if !affine || !static_gain {
                 return Ok(None);
             }
             let bias = attributes.numbers("biasprm")?.unwrap_or_default();
             let at = |i: usize| bias.get(i).copied().unwrap_or(0.0);
-            Servo {
-                gain: first_gain,
-                bias: at(0),
-                stiffness: -at(1),
-            }
+            Servo { gain: first_gain, bias: at(0), stiffness: -at(1) }
         }
         _ => return Ok(None),
     };

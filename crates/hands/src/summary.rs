@@ -90,56 +90,26 @@ fn values(hand: &Hand) -> Vec<SummaryValue> {
     let mut values = Vec::new();
     for info in schema::keys() {
         let (parent, key) = info.key.split_once('.').unwrap_or(("", info.key));
-        let holder = if parent.is_empty() {
-            Some(&table)
-        } else {
-            table.get(parent).and_then(Value::as_table)
-        };
+        let holder = if parent.is_empty() { Some(&table) } else { table.get(parent).and_then(Value::as_table) };
         let written = manifest.written.contains(info.key);
         let (value, origin) = match (info.key, holder.and_then(|t| t.get(key))) {
             ("posture_joints", None) => (
-                Value::Array(
-                    hand.posture
-                        .iter()
-                        .map(|j| Value::from(j.name.clone()))
-                        .collect(),
-                ),
+                Value::Array(hand.posture.iter().map(|j| Value::from(j.name.clone())).collect()),
                 ValueOrigin::Computed,
             ),
             ("open_posture", _) => {
                 let all = hand.open_posture();
-                let origin = if all
-                    .keys()
-                    .all(|name| manifest.open_posture.contains_key(name))
-                {
+                let origin = if all.keys().all(|name| manifest.open_posture.contains_key(name)) {
                     ValueOrigin::Written
                 } else {
                     ValueOrigin::Computed
                 };
-                (
-                    Value::Table(
-                        all.into_iter()
-                            .map(|(name, value)| (name, Value::Float(value)))
-                            .collect(),
-                    ),
-                    origin,
-                )
+                (Value::Table(all.into_iter().map(|(name, value)| (name, Value::Float(value))).collect()), origin)
             }
             (_, Some(Value::Table(_)) | None) => continue,
-            (_, Some(value)) => (
-                value.clone(),
-                if written {
-                    ValueOrigin::Written
-                } else {
-                    ValueOrigin::Default
-                },
-            ),
+            (_, Some(value)) => (value.clone(), if written { ValueOrigin::Written } else { ValueOrigin::Default }),
         };
-        values.push(SummaryValue {
-            key: info.key.to_owned(),
-            value,
-            origin,
-        });
+        values.push(SummaryValue { key: info.key.to_owned(), value, origin });
     }
     for actuator in hand.actuators.iter().filter(|a| a.ctrlrange_computed) {
         let (low, high) = actuator.ctrlrange;

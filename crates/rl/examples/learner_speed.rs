@@ -71,7 +71,13 @@ struct Timing {
 
 fn report(what: &str, timing: Timing) {
     let rate = |d: Duration| 1.0 / d.as_secs_f64();
-    println!("{what}: {:?} ({:.1} /s), best {:?} ({:.1} /s)", timing.mean, rate(timing.mean), timing.best, rate(timing.best));
+    println!(
+        "{what}: {:?} ({:.1} /s), best {:?} ({:.1} /s)",
+        timing.mean,
+        rate(timing.mean),
+        timing.best,
+        rate(timing.best)
+    );
 }
 
 fn best_time(total: Duration, mut call: impl FnMut()) -> Timing {
@@ -95,8 +101,7 @@ fn best_time(total: Duration, mut call: impl FnMut()) -> Timing {
 /// Operations of the matrix products of one update with one critic.
 fn matrix_flop(config: &DdpgConfig, state: usize, act_dim: usize, batch: usize) -> f64 {
     let weights = |inputs: usize, outputs: usize| {
-        let sizes: Vec<usize> =
-            std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect();
+        let sizes: Vec<usize> = std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect();
         let net = Mlp::zeros(&sizes, eigenhand_rl::OutputActivation::Linear);
         let per_layer: Vec<usize> = net.layers().iter().map(|l| l.inputs * l.outputs).collect();
         (per_layer.iter().sum::<usize>(), per_layer[0])

@@ -111,15 +111,8 @@ fn row_products<S: pulp::Simd, const N: usize>(simd: S, rows: [&[f32]; N], x: &[
 /// Eigen, `generic_fast_tanh_float`.
 #[inline(always)]
 fn tanh(x: f32) -> f32 {
-    const NUMERATOR: [f32; 7] = [
-        -2.760_768_5e-16,
-        2.000_188e-13,
-        -8.604_672e-11,
-        5.122_297e-8,
-        1.485_722_4e-5,
-        6.372_619_3e-4,
-        4.893_524_6e-3,
-    ];
+    const NUMERATOR: [f32; 7] =
+        [-2.760_768_5e-16, 2.000_188e-13, -8.604_672e-11, 5.122_297e-8, 1.485_722_4e-5, 6.372_619_3e-4, 4.893_524_6e-3];
     const DENOMINATOR: [f32; 4] = [1.198_258_4e-6, 1.185_347_1e-4, 2.268_434_6e-3, 4.893_525_2e-3];
     /// The result is 1 beyond this.
     const SATURATION: f32 = 7.905_311;

@@ -25,7 +25,9 @@ pub enum RlError {
         got: usize,
     },
     /// An episode has another shape than the replay it is pushed to.
-    #[error("the replay holds episodes of {expected:?}, got {got:?}: episodes of different shape need different replays")]
+    #[error(
+        "the replay holds episodes of {expected:?}, got {got:?}: episodes of different shape need different replays"
+    )]
     EpisodeShape {
         /// Shape of the episodes in the replay.
         expected: Box<crate::EpisodeShape>,

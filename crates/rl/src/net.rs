@@ -209,7 +209,9 @@ impl Mlp {
         assert_eq!(output_gradient.len(), n_out, "output gradient and batch differ in length");
         match self.output {
             OutputActivation::Linear => delta[..n_out].copy_from_slice(output_gradient),
-            OutputActivation::Tanh => elementwise::tanh_gradient(&mut delta[..n_out], output_gradient, &activations[last]),
+            OutputActivation::Tanh => {
+                elementwise::tanh_gradient(&mut delta[..n_out], output_gradient, &activations[last])
+            }
         }
         if let Some(gradient) = parameter_gradient.as_deref_mut() {
             elementwise::row_sum(&delta[..n_out], &mut gradient[self.layers[last].bias()]);

@@ -1,1 +1,18 @@
-//! eigenhand-sim
+//! MuJoCo, scenes of a hand with an object, and the grasp task as an environment.
+
+mod env;
+mod error;
+pub mod ffi;
+mod objects;
+mod physics;
+mod reward;
+pub mod scene;
+mod task;
+mod xml;
+
+pub use env::{EpisodeSetup, GraspEnv};
+pub use error::SimError;
+pub use objects::{Object, Shape};
+pub use physics::{Cone, PhysicsConfig};
+pub use reward::{RewardConfig, StepFacts};
+pub use task::{GraspTask, ObjectScene, ObservationEntry, Orientation, TaskConfig};

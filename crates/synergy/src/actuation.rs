@@ -37,13 +37,8 @@ impl ActuationMap {
             .zip(&self.offset)
             .zip(ranges)
             .map(|((row, offset), (low, high))| {
-                assert_eq!(
-                    posture.len(),
-                    row.len(),
-                    "one number for each joint is needed"
-                );
-                (row.iter().zip(posture).map(|(a, q)| a * q).sum::<f64>() + offset)
-                    .clamp(*low, *high)
+                assert_eq!(posture.len(), row.len(), "one number for each joint is needed");
+                (row.iter().zip(posture).map(|(a, q)| a * q).sum::<f64>() + offset).clamp(*low, *high)
             })
             .collect()
     }
@@ -62,11 +57,7 @@ impl ActuationMap {
         ] {
             if length != nu {
                 let expected = format!("{nu}, one for each actuator");
-                return Err(SynergyError::invalid(
-                    format!("length of {name}"),
-                    expected,
-                    length,
-                ));
+                return Err(SynergyError::invalid(format!("length of {name}"), expected, length));
             }
         }
         for (i, row) in self.matrix.iter().enumerate() {
@@ -77,11 +68,7 @@ impl ActuationMap {
             let ordered = low <= high;
             if !ordered {
                 let expected = format!("at most actuation.control_max[{i}] = {high}");
-                return Err(SynergyError::invalid(
-                    format!("actuation.control_min[{i}]"),
-                    expected,
-                    low,
-                ));
+                return Err(SynergyError::invalid(format!("actuation.control_min[{i}]"), expected, low));
             }
         }
         Ok(())
@@ -114,39 +101,15 @@ mod tests {
     fn wrong_shapes_are_named() {
         let mut wrong = map();
         wrong.matrix[1].pop();
-        assert!(
-            wrong
-                .validate(3)
-                .unwrap_err()
-                .to_string()
-                .contains("actuation.matrix[1]")
-        );
+        assert!(wrong.validate(3).unwrap_err().to_string().contains("actuation.matrix[1]"));
         let mut wrong = map();
         wrong.control_min[1] = f64::NAN;
-        assert!(
-            wrong
-                .validate(3)
-                .unwrap_err()
-                .to_string()
-                .contains("control_min[1]")
-        );
+        assert!(wrong.validate(3).unwrap_err().to_string().contains("control_min[1]"));
         let mut wrong = map();
         wrong.control_max.pop();
-        assert!(
-            wrong
-                .validate(3)
-                .unwrap_err()
-                .to_string()
-                .contains("length of actuation.control_max")
-        );
+        assert!(wrong.validate(3).unwrap_err().to_string().contains("length of actuation.control_max"));
         let mut wrong = map();
         wrong.offset[0] = f64::INFINITY;
-        assert!(
-            wrong
-                .validate(3)
-                .unwrap_err()
-                .to_string()
-                .contains("actuation.offset[0]")
-        );
+        assert!(wrong.validate(3).unwrap_err().to_string().contains("actuation.offset[0]"));
     }
 }

@@ -50,10 +50,7 @@ fn check_replaceable(dir: &Path) -> Result<(), SynergyError> {
     for entry in fs::read_dir(dir).map_err(SynergyError::io("list", dir))? {
         let name = entry.map_err(SynergyError::io("list", dir))?.file_name();
         if !name.to_str().is_some_and(is_export_file) {
-            return Err(SynergyError::NotAnExport {
-                path: dir.to_owned(),
-                found: name.to_string_lossy().into_owned(),
-            });
+            return Err(SynergyError::NotAnExport { path: dir.to_owned(), found: name.to_string_lossy().into_owned() });
         }
     }
     Ok(())
@@ -70,9 +67,7 @@ fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), SynergyError> {
 
 #[cfg(unix)]
 fn sync_directory(dir: &Path) -> Result<(), SynergyError> {
-    File::open(dir)
-        .and_then(|dir| dir.sync_all())
-        .map_err(SynergyError::io("sync", dir))
+    File::open(dir).and_then(|dir| dir.sync_all()).map_err(SynergyError::io("sync", dir))
 }
 
 #[cfg(not(unix))]
@@ -88,19 +83,12 @@ struct Scratch {
 impl Scratch {
     fn create(target: &Path, parent: &Path, purpose: &str) -> Result<Self, SynergyError> {
         let Some(name) = target.file_name() else {
-            let error = io::Error::new(
-                io::ErrorKind::InvalidInput,
-                "the path does not end in a name",
-            );
+            let error = io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a name");
             return Err(SynergyError::io("create", target)(error));
         };
         let mut attempt = 0;
         loop {
-            let path = parent.join(format!(
-                ".{}.{purpose}-{}-{attempt}",
-                name.to_string_lossy(),
-                std::process::id()
-            ));
+            let path = parent.join(format!(".{}.{purpose}-{}-{attempt}", name.to_string_lossy(), std::process::id()));
             match fs::create_dir(&path) {
                 Ok(()) => return Ok(Scratch { path }),
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => attempt += 1,

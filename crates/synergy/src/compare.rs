@@ -21,33 +21,16 @@ use crate::{Synergy, SynergyError};
 /// A. Bjorck and G. H. Golub, Numerical methods for computing angles between linear subspaces, Math. Comp. 27 (1973).
 pub fn principal_angles(a: &Synergy, b: &Synergy) -> Result<Vec<f64>, SynergyError> {
     check_same_joints(a.joints(), b.joints())?;
-    let (large, small) = if a.n_components() < b.n_components() {
-        (b, a)
-    } else {
-        (a, b)
-    };
-    let large =
-        MatRef::from_row_major_slice(large.components(), large.n_components(), large.n_joints());
-    let small =
-        MatRef::from_row_major_slice(small.components(), small.n_components(), small.n_joints());
+    let (large, small) = if a.n_components() < b.n_components() { (b, a) } else { (a, b) };
+    let large = MatRef::from_row_major_slice(large.components(), large.n_components(), large.n_joints());
+    let small = MatRef::from_row_major_slice(small.components(), small.n_components(), small.n_joints());
     let overlap: Mat<f64> = small * large.transpose();
     let mut outside = small.to_owned();
-    faer::linalg::matmul::matmul(
-        &mut outside,
-        faer::Accum::Add,
-        &overlap,
-        large,
-        -1.0,
-        Par::Seq,
-    );
+    faer::linalg::matmul::matmul(&mut outside, faer::Accum::Add, &overlap, large, -1.0, Par::Seq);
     let cosines = singular_values(&overlap)?;
     let sines = singular_values(&outside)?;
     // Both fall, and the largest cosine belongs to the smallest sine.
-    Ok(cosines
-        .iter()
-        .zip(sines.iter().rev())
-        .map(|(cosine, sine)| sine.atan2(*cosine))
-        .collect())
+    Ok(cosines.iter().zip(sines.iter().rev()).map(|(cosine, sine)| sine.atan2(*cosine)).collect())
 }
 
 /// Returns, for `i` from 1 to `k`, the share of the variance of `postures` about their own mean that lies in the first
@@ -79,13 +62,7 @@ pub fn cumulative_explained_variance<P: AsRef<[f64]>>(
         let variance: f64 = covariance
             .chunks_exact(n_joints)
             .zip(component)
-            .map(|(row, left)| {
-                left * row
-                    .iter()
-                    .zip(component)
-                    .map(|(s, right)| s * right)
-                    .sum::<f64>()
-            })
+            .map(|(row, left)| left * row.iter().zip(component).map(|(s, right)| s * right).sum::<f64>())
             .sum();
         sum += variance / total;
         sum
@@ -94,11 +71,7 @@ pub fn cumulative_explained_variance<P: AsRef<[f64]>>(
 }
 
 fn singular_values(matrix: &Mat<f64>) -> Result<Vec<f64>, SynergyError> {
-    matrix
-        .singular_values()
-        .map_err(|_| SynergyError::Decomposition {
-            what: "overlap of two spaces",
-        })
+    matrix.singular_values().map_err(|_| SynergyError::Decomposition { what: "overlap of two spaces" })
 }
 
 #[cfg(test)]
@@ -109,23 +82,14 @@ mod tests {
     use crate::{JointInfo, Unit};
 
     fn joints(n: usize) -> Vec<JointInfo> {
-        (0..n)
-            .map(|i| JointInfo {
-                name: format!("j{i}"),
-                unit: Unit::Radian,
-                lower: -9.0,
-                upper: 9.0,
-            })
-            .collect()
+        (0..n).map(|i| JointInfo { name: format!("j{i}"), unit: Unit::Radian, lower: -9.0, upper: 9.0 }).collect()
     }
 
     /// Postures that vary along each of the given orthogonal directions, each with its own amplitude.
     fn along(directions: &[(f64, Vec<f64>)]) -> Vec<Vec<f64>> {
         directions
             .iter()
-            .flat_map(|(amplitude, d)| {
-                [1.0, -1.0].map(|sign| d.iter().map(|x| sign * amplitude * x).collect())
-            })
+            .flat_map(|(amplitude, d)| [1.0, -1.0].map(|sign| d.iter().map(|x| sign * amplitude * x).collect()))
             .collect()
     }
 
@@ -136,24 +100,12 @@ mod tests {
     #[test]
     fn angles_are_those_of_a_known_rotation() {
         for angle in [0.0_f64, 1e-12, 1e-6, 0.3, 1.2, FRAC_PI_2] {
-            let a = Synergy::fit(
-                &joints(4),
-                &along(&[(2.0, axis(4, 0)), (1.0, axis(4, 1))]),
-                2,
-            )
-            .unwrap();
+            let a = Synergy::fit(&joints(4), &along(&[(2.0, axis(4, 0)), (1.0, axis(4, 1))]), 2).unwrap();
             let tilted = vec![angle.cos(), 0.0, angle.sin(), 0.0];
-            let b =
-                Synergy::fit(&joints(4), &along(&[(2.0, tilted), (1.0, axis(4, 1))]), 2).unwrap();
-            for angles in [
-                principal_angles(&a, &b).unwrap(),
-                principal_angles(&b, &a).unwrap(),
-            ] {
+            let b = Synergy::fit(&joints(4), &along(&[(2.0, tilted), (1.0, axis(4, 1))]), 2).unwrap();
+            for angles in [principal_angles(&a, &b).unwrap(), principal_angles(&b, &a).unwrap()] {
                 assert_eq!(angles.len(), 2);
-                assert!(
-                    angles[0].abs() < 1e-14 && (angles[1] - angle).abs() < 1e-14,
-                    "{angle}: {angles:?}"
-                );
+                assert!(angles[0].abs() < 1e-14 && (angles[1] - angle).abs() < 1e-14, "{angle}: {angles:?}");
             }
         }
     }
@@ -169,10 +121,7 @@ mod tests {
         renamed[1].name = "other".to_owned();
         let other = Synergy::fit(&renamed, &postures, 2).unwrap();
         let message = principal_angles(&one, &other).unwrap_err().to_string();
-        assert!(
-            message.contains("j1") && message.contains("other"),
-            "{message}"
-        );
+        assert!(message.contains("j1") && message.contains("other"), "{message}");
     }
 
     #[test]
@@ -187,9 +136,6 @@ mod tests {
         let outside: Vec<Vec<f64>> = [0.0, 1.0, 2.0].map(|x| vec![5.0, 5.0, x]).to_vec();
         assert!(cumulative_explained_variance(&space, &outside).unwrap()[1].abs() < 1e-14);
         let still = [vec![1.0, 1.0, 1.0], vec![1.0, 1.0, 1.0]];
-        assert!(matches!(
-            cumulative_explained_variance(&space, &still),
-            Err(SynergyError::NoVariance)
-        ));
+        assert!(matches!(cumulative_explained_variance(&space, &still), Err(SynergyError::NoVariance)));
     }
 }

@@ -79,10 +79,7 @@ impl RunningCovariance {
     /// [`SynergyError::TooFewPostures`] before the second posture.
     pub fn covariance(&self) -> Result<Vec<f64>, SynergyError> {
         if self.count < MIN_POSTURES {
-            return Err(SynergyError::TooFewPostures {
-                expected: MIN_POSTURES,
-                got: self.count,
-            });
+            return Err(SynergyError::TooFewPostures { expected: MIN_POSTURES, got: self.count });
         }
         let n_joints = self.mean.len();
         let divisor = (self.count - 1) as f64;
@@ -107,17 +104,11 @@ mod tests {
 
     fn batch(postures: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
         let (count, n) = (postures.len() as f64, postures[0].len());
-        let mean: Vec<f64> = (0..n)
-            .map(|j| postures.iter().map(|q| q[j]).sum::<f64>() / count)
-            .collect();
+        let mean: Vec<f64> = (0..n).map(|j| postures.iter().map(|q| q[j]).sum::<f64>() / count).collect();
         let covariance = (0..n * n)
             .map(|i| {
                 let (a, b) = (i / n, i % n);
-                postures
-                    .iter()
-                    .map(|q| (q[a] - mean[a]) * (q[b] - mean[b]))
-                    .sum::<f64>()
-                    / (count - 1.0)
+                postures.iter().map(|q| (q[a] - mean[a]) * (q[b] - mean[b])).sum::<f64>() / (count - 1.0)
             })
             .collect();
         (mean, covariance)
@@ -154,26 +145,12 @@ mod tests {
         let mut running = RunningCovariance::new(2);
         running.push(&[1.0, 2.0]).unwrap();
         let before = running.clone();
-        assert!(matches!(
-            running.push(&[1.0]),
-            Err(SynergyError::PostureLength {
-                expected: 2,
-                got: 1,
-                ..
-            })
-        ));
+        assert!(matches!(running.push(&[1.0]), Err(SynergyError::PostureLength { expected: 2, got: 1, .. })));
         assert!(matches!(
             running.push(&[1.0, f64::NAN]),
-            Err(SynergyError::NonFinitePosture {
-                row: 1,
-                column: 1,
-                ..
-            })
+            Err(SynergyError::NonFinitePosture { row: 1, column: 1, .. })
         ));
         assert_eq!(running, before);
-        assert!(matches!(
-            running.covariance(),
-            Err(SynergyError::TooFewPostures { got: 1, .. })
-        ));
+        assert!(matches!(running.covariance(), Err(SynergyError::TooFewPostures { got: 1, .. })));
     }
 }

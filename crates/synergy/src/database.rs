@@ -47,10 +47,7 @@ impl PostureDatabase {
         let path = path.as_ref();
         let inner = || {
             check_joints(joints)?;
-            let mut connection = connect(
-                OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE,
-                path,
-            )?;
+            let mut connection = connect(OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE, path)?;
             if is_blank(&connection)? {
                 connection.pragma_update(None, "journal_mode", "WAL")?;
                 create(&mut connection, joints)?;
@@ -72,9 +69,7 @@ impl PostureDatabase {
             std::fs::metadata(path).map_err(SynergyError::io("open", path))?;
             let connection = connect(OpenFlags::SQLITE_OPEN_READ_WRITE, path)?;
             if is_blank(&connection)? {
-                return Err(SynergyError::NotADatabase {
-                    reason: "the file is empty".to_owned(),
-                });
+                return Err(SynergyError::NotADatabase { reason: "the file is empty".to_owned() });
             }
             Self::read(path, connection)
         };
@@ -89,12 +84,7 @@ impl PostureDatabase {
         connection.pragma_update(None, "synchronous", "NORMAL")?;
         let (joints, columns) = read_joints(&connection)?;
         check_joints(&joints)?;
-        Ok(PostureDatabase {
-            path: path.to_owned(),
-            connection,
-            joints,
-            columns,
-        })
+        Ok(PostureDatabase { path: path.to_owned(), connection, joints, columns })
     }
 
     /// Returns the joints, in the order of a posture's numbers.
@@ -113,20 +103,13 @@ impl PostureDatabase {
     /// A record with a posture of the wrong length, or with a number that is not finite; a failure of SQLite.
     pub fn insert_all(&mut self, records: &[PostureRecord]) -> Result<(), SynergyError> {
         let n_joints = self.joints.len();
-        let names: Vec<String> = RECORD_COLUMNS
-            .iter()
-            .map(|name| (*name).to_owned())
-            .chain(self.quoted_joints())
-            .collect();
+        let names: Vec<String> =
+            RECORD_COLUMNS.iter().map(|name| (*name).to_owned()).chain(self.quoted_joints()).collect();
         let places = vec!["?"; names.len()].join(", ");
-        let sql = format!(
-            "INSERT INTO posture ({}) VALUES ({places})",
-            names.join(", ")
-        );
+        let sql = format!("INSERT INTO posture ({}) VALUES ({places})", names.join(", "));
         let connection = &mut self.connection;
         let mut inner = || {
-            let transaction =
-                connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+            let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
             {
                 let mut statement = transaction.prepare_cached(&sql)?;
                 for (row, record) in records.iter().enumerate() {
@@ -144,8 +127,7 @@ impl PostureDatabase {
     /// # Errors
     /// A failure of SQLite.
     pub fn len(&self) -> Result<usize, SynergyError> {
-        let count: i64 =
-            self.run(|c| Ok(c.query_row("SELECT count(*) FROM posture", [], |row| row.get(0))?))?;
+        let count: i64 = self.run(|c| Ok(c.query_row("SELECT count(*) FROM posture", [], |row| row.get(0))?))?;
         Ok(count as usize)
     }
 
@@ -162,11 +144,8 @@ impl PostureDatabase {
     /// # Errors
     /// A failure of SQLite, or a row that this crate did not write.
     pub fn load(&self) -> Result<Vec<PostureRecord>, SynergyError> {
-        let names: Vec<String> = RECORD_COLUMNS
-            .iter()
-            .map(|name| (*name).to_owned())
-            .chain(self.quoted_joints())
-            .collect();
+        let names: Vec<String> =
+            RECORD_COLUMNS.iter().map(|name| (*name).to_owned()).chain(self.quoted_joints()).collect();
         self.select(&names, |row| from_row(row, self.joints.len()))
     }
 
@@ -176,9 +155,7 @@ impl PostureDatabase {
     /// As [`PostureDatabase::load`].
     pub fn postures(&self) -> Result<Vec<Vec<f64>>, SynergyError> {
         let names: Vec<String> = self.quoted_joints().collect();
-        self.select(&names, |row| {
-            (0..self.joints.len()).map(|i| row.get(i)).collect()
-        })
+        self.select(&names, |row| (0..self.joints.len()).map(|i| row.get(i)).collect())
     }
 
     /// Deletes the records whose episode is `episode` or later, and returns how many there were: a run that resumes
@@ -190,9 +167,7 @@ impl PostureDatabase {
         let Ok(episode) = i64::try_from(episode) else {
             return Ok(0);
         };
-        self.run(|connection| {
-            Ok(connection.execute("DELETE FROM posture WHERE episode >= ?", [episode])?)
-        })
+        self.run(|connection| Ok(connection.execute("DELETE FROM posture WHERE episode >= ?", [episode])?))
     }
 
     /// The joints' columns; the table's name keeps SQLite from ever reading one as a string.
@@ -214,10 +189,7 @@ impl PostureDatabase {
         })
     }
 
-    fn run<T>(
-        &self,
-        query: impl FnOnce(&Connection) -> Result<T, SynergyError>,
-    ) -> Result<T, SynergyError> {
+    fn run<T>(&self, query: impl FnOnce(&Connection) -> Result<T, SynergyError>) -> Result<T, SynergyError> {
         query(&self.connection).map_err(|error| recognise(error).in_file(&self.path))
     }
 }
@@ -230,11 +202,8 @@ fn connect(flags: OpenFlags, path: &Path) -> Result<Connection, SynergyError> {
 
 /// Tells whether the file holds nothing yet.
 fn is_blank(connection: &Connection) -> Result<bool, SynergyError> {
-    Ok(
-        connection.query_row("SELECT count(*) = 0 FROM sqlite_schema", [], |row| {
-            row.get(0)
-        })? && pragma(connection, "application_id")? == 0,
-    )
+    Ok(connection.query_row("SELECT count(*) = 0 FROM sqlite_schema", [], |row| row.get(0))?
+        && pragma(connection, "application_id")? == 0)
 }
 
 fn pragma(connection: &Connection, name: &str) -> Result<i32, SynergyError> {
@@ -243,9 +212,7 @@ fn pragma(connection: &Connection, name: &str) -> Result<i32, SynergyError> {
 
 fn check_kind(connection: &Connection) -> Result<(), SynergyError> {
     if pragma(connection, "application_id")? != APPLICATION_ID {
-        return Err(SynergyError::NotADatabase {
-            reason: "an SQLite file of another program".to_owned(),
-        });
+        return Err(SynergyError::NotADatabase { reason: "an SQLite file of another program".to_owned() });
     }
     let version = pragma(connection, "user_version")?;
     if version != SCHEMA_VERSION {
@@ -256,20 +223,13 @@ fn check_kind(connection: &Connection) -> Result<(), SynergyError> {
         });
     }
     let verdict: String = connection.query_row("PRAGMA quick_check(1)", [], |row| row.get(0))?;
-    if verdict == "ok" {
-        Ok(())
-    } else {
-        Err(SynergyError::Damaged { reason: verdict })
-    }
+    if verdict == "ok" { Ok(()) } else { Err(SynergyError::Damaged { reason: verdict }) }
 }
 
 fn create(connection: &mut Connection, joints: &[JointInfo]) -> Result<(), SynergyError> {
     let columns = column_names(joints);
     let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    let postures: String = columns
-        .iter()
-        .map(|column| format!(", {} REAL NOT NULL", quoted(column)))
-        .collect();
+    let postures: String = columns.iter().map(|column| format!(", {} REAL NOT NULL", quoted(column))).collect();
     transaction.execute_batch(&format!(
         "CREATE TABLE joint (position INTEGER PRIMARY KEY, name TEXT NOT NULL, column_name TEXT NOT NULL,
              unit TEXT NOT NULL, lower REAL NOT NULL, upper REAL NOT NULL);
@@ -279,12 +239,7 @@ fn create(connection: &mut Connection, joints: &[JointInfo]) -> Result<(), Syner
          CREATE INDEX posture_episode ON posture (episode);"
     ))?;
     for (position, (joint, column)) in joints.iter().zip(&columns).enumerate() {
-        let JointInfo {
-            name,
-            unit,
-            lower,
-            upper,
-        } = joint;
+        let JointInfo { name, unit, lower, upper } = joint;
         transaction.execute(
             "INSERT INTO joint VALUES (?, ?, ?, ?, ?, ?)",
             (position as i64, name, column, unit.symbol(), lower, upper),
@@ -296,33 +251,21 @@ fn create(connection: &mut Connection, joints: &[JointInfo]) -> Result<(), Syner
 }
 
 fn read_joints(connection: &Connection) -> Result<(Vec<JointInfo>, Vec<String>), SynergyError> {
-    let mut statement = connection
-        .prepare("SELECT name, unit, lower, upper, column_name FROM joint ORDER BY position")?;
+    let mut statement =
+        connection.prepare("SELECT name, unit, lower, upper, column_name FROM joint ORDER BY position")?;
     let rows = statement.query_map([], |row| {
         let unit: String = row.get(1)?;
-        Ok((
-            row.get::<_, String>(0)?,
-            unit,
-            row.get::<_, f64>(2)?,
-            row.get::<_, f64>(3)?,
-            row.get::<_, String>(4)?,
-        ))
+        Ok((row.get::<_, String>(0)?, unit, row.get::<_, f64>(2)?, row.get::<_, f64>(3)?, row.get::<_, String>(4)?))
     })?;
     let mut joints = Vec::new();
     let mut columns = Vec::new();
     for row in rows {
         let (name, symbol, lower, upper, column) = row?;
         let Some(unit) = Unit::from_symbol(&symbol) else {
-            let message =
-                format!("joint {name:?} has the unit {symbol:?}; expected \"rad\" or \"m\"");
+            let message = format!("joint {name:?} has the unit {symbol:?}; expected \"rad\" or \"m\"");
             return Err(SynergyError::Joints { message });
         };
-        joints.push(JointInfo {
-            name,
-            unit,
-            lower,
-            upper,
-        });
+        joints.push(JointInfo { name, unit, lower, upper });
         columns.push(column);
     }
     Ok((joints, columns))

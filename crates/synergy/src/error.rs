@@ -13,9 +13,7 @@ pub enum SynergyError {
         message: String,
     },
     /// Two joint lists that should name the same coordinates do not.
-    #[error(
-        "the joints differ: expected {expected}; got {got}. Use the hand that the postures were made with"
-    )]
+    #[error("the joints differ: expected {expected}; got {got}. Use the hand that the postures were made with")]
     JointMismatch {
         /// The joints that were asked for.
         expected: String,
@@ -54,17 +52,13 @@ pub enum SynergyError {
     #[error("a synergy space needs at least one component; ask for 1 or more")]
     NoComponents,
     /// The eigenvalue or singular value iteration failed.
-    #[error(
-        "the decomposition of the {what} did not converge; look for enormous numbers among the postures"
-    )]
+    #[error("the decomposition of the {what} did not converge; look for enormous numbers among the postures")]
     Decomposition {
         /// What was decomposed.
         what: &'static str,
     },
     /// Postures that do not vary, where a share of their variance was asked for.
-    #[error(
-        "the postures do not vary, so no share of their variance can be given; pass postures that differ"
-    )]
+    #[error("the postures do not vary, so no share of their variance can be given; pass postures that differ")]
     NoVariance,
     /// A penalty that is not usable.
     #[error("penalty: {name} is {got}; expected {expected}")]
@@ -113,9 +107,7 @@ pub enum SynergyError {
     #[error("cannot be written as TOML: {0}")]
     TomlWrite(#[from] toml::ser::Error),
     /// A file of another version.
-    #[error(
-        "{what} has schema {got}; this program reads schema {expected}. Read it with the version that wrote it"
-    )]
+    #[error("{what} has schema {got}; this program reads schema {expected}. Read it with the version that wrote it")]
     Schema {
         /// What kind of file.
         what: &'static str,
@@ -125,9 +117,7 @@ pub enum SynergyError {
         got: i64,
     },
     /// A file that is no posture database.
-    #[error(
-        "not a posture database ({reason}); give the path of a postures.sqlite, or one that does not exist yet"
-    )]
+    #[error("not a posture database ({reason}); give the path of a postures.sqlite, or one that does not exist yet")]
     NotADatabase {
         /// How it differs.
         reason: String,
@@ -159,33 +149,15 @@ pub enum SynergyError {
 impl SynergyError {
     /// Names the file in which the error was found.
     pub(crate) fn in_file(self, path: impl Into<PathBuf>) -> Self {
-        SynergyError::InFile {
-            path: path.into(),
-            source: Box::new(self),
-        }
+        SynergyError::InFile { path: path.into(), source: Box::new(self) }
     }
 
-    pub(crate) fn io(
-        action: &'static str,
-        path: impl Into<PathBuf>,
-    ) -> impl FnOnce(std::io::Error) -> Self {
+    pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
-        move |source| SynergyError::Io {
-            action,
-            path,
-            source,
-        }
+        move |source| SynergyError::Io { action, path, source }
     }
 
-    pub(crate) fn invalid(
-        name: impl Into<String>,
-        expected: impl Into<String>,
-        got: impl ToString,
-    ) -> Self {
-        SynergyError::Invalid {
-            name: name.into(),
-            expected: expected.into(),
-            got: got.to_string(),
-        }
+    pub(crate) fn invalid(name: impl Into<String>, expected: impl Into<String>, got: impl ToString) -> Self {
+        SynergyError::Invalid { name: name.into(), expected: expected.into(), got: got.to_string() }
     }
 }

@@ -13,16 +13,10 @@ type Array = fn(&Synergy) -> (Vec<usize>, &[f64]);
 
 /// The arrays that are in `synergy.toml` too.
 const ARRAYS: [(&str, Array); 4] = [
-    ("components.npy", |s| {
-        (vec![s.n_components(), s.n_joints()], s.components())
-    }),
+    ("components.npy", |s| (vec![s.n_components(), s.n_joints()], s.components())),
     ("mean.npy", |s| (vec![s.n_joints()], s.mean())),
-    ("explained_variance.npy", |s| {
-        (vec![s.n_components()], s.explained_variance())
-    }),
-    ("contribution.npy", |s| {
-        (vec![s.n_components()], s.contribution())
-    }),
+    ("explained_variance.npy", |s| (vec![s.n_components()], s.explained_variance())),
+    ("contribution.npy", |s| (vec![s.n_components()], s.contribution())),
 ];
 
 /// What [`import`] reads.
@@ -43,11 +37,7 @@ pub struct Import {
 /// # Errors
 /// Postures that are not as many or as long as the space says, all that [`SynergyFile::to_toml`] refuses, a directory
 /// at `dir` that holds anything but an export, or a failure to write.
-pub fn export<P: AsRef<[f64]>>(
-    dir: impl AsRef<Path>,
-    file: &SynergyFile,
-    postures: &[P],
-) -> Result<(), SynergyError> {
+pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, postures: &[P]) -> Result<(), SynergyError> {
     let dir = dir.as_ref();
     let synergy = &file.synergy;
     let n_joints = synergy.n_joints();
@@ -63,13 +53,8 @@ pub fn export<P: AsRef<[f64]>>(
         let (shape, values) = array(synergy);
         files.push((name, encode(name, &shape, &mut values.iter().copied())?));
     }
-    let mut values = postures
-        .iter()
-        .flat_map(|posture| posture.as_ref().iter().copied());
-    files.push((
-        POSTURES,
-        encode(POSTURES, &[postures.len(), n_joints], &mut values)?,
-    ));
+    let mut values = postures.iter().flat_map(|posture| posture.as_ref().iter().copied());
+    files.push((POSTURES, encode(POSTURES, &[postures.len(), n_joints], &mut values)?));
     atomic::replace_directory(dir, &files)
 }
 
@@ -87,13 +72,9 @@ pub fn import(dir: impl AsRef<Path>) -> Result<Import, SynergyError> {
         let (shape, values) = read_npy(&path)?;
         let (expected_shape, expected) = array(synergy);
         check_shape(name, &shape, &expected_shape).map_err(|error| error.in_file(&path))?;
-        if let Some(i) = (0..expected.len()).find(|&i| values[i].to_bits() != expected[i].to_bits())
-        {
+        if let Some(i) = (0..expected.len()).find(|&i| values[i].to_bits() != expected[i].to_bits()) {
             let wanted = format!("{}, as {TOML} has it", expected[i]);
-            return Err(
-                SynergyError::invalid(format!("{name}, number {i}"), wanted, values[i])
-                    .in_file(path),
-            );
+            return Err(SynergyError::invalid(format!("{name}, number {i}"), wanted, values[i]).in_file(path));
         }
     }
     let path = dir.join(POSTURES);
@@ -120,26 +101,15 @@ fn check_shape(name: &str, got: &[usize], expected: &[usize]) -> Result<(), Syne
     if got == expected {
         return Ok(());
     }
-    Err(SynergyError::invalid(
-        format!("shape of {name}"),
-        format!("{expected:?}"),
-        format!("{got:?}"),
-    ))
+    Err(SynergyError::invalid(format!("shape of {name}"), format!("{expected:?}"), format!("{got:?}")))
 }
 
 fn check_count(n_postures: usize, synergy: &Synergy) -> Result<(), SynergyError> {
     if n_postures == synergy.n_postures() {
         return Ok(());
     }
-    let expected = format!(
-        "{}, as many as the space was fitted to",
-        synergy.n_postures()
-    );
-    Err(SynergyError::invalid(
-        "number of postures",
-        expected,
-        n_postures,
-    ))
+    let expected = format!("{}, as many as the space was fitted to", synergy.n_postures());
+    Err(SynergyError::invalid("number of postures", expected, n_postures))
 }
 
 /// Tells whether an export writes a file of this name.

@@ -35,32 +35,16 @@ impl SynergyFile {
     /// A space whose coefficients' range is unknown, or an actuation map that does not fit the joints.
     pub fn to_toml(&self) -> Result<String, SynergyError> {
         let synergy = &self.synergy;
-        check_numbers(
-            "coefficient_min",
-            synergy.coefficient_min(),
-            synergy.n_components(),
-        )?;
-        check_numbers(
-            "coefficient_max",
-            synergy.coefficient_max(),
-            synergy.n_components(),
-        )?;
+        check_numbers("coefficient_min", synergy.coefficient_min(), synergy.n_components())?;
+        check_numbers("coefficient_max", synergy.coefficient_max(), synergy.n_components())?;
         let mut text = String::from(HEADER);
         put(&mut text, "schema", &SCHEMA)?;
         put(&mut text, "hand", &self.hand)?;
         put(&mut text, "n_postures", &synergy.n_postures())?;
         put_rows(&mut text, "joints", synergy.joints())?;
         put(&mut text, "mean", &synergy.mean())?;
-        put_rows(
-            &mut text,
-            "components",
-            synergy.components().chunks_exact(synergy.n_joints()),
-        )?;
-        put(
-            &mut text,
-            "explained_variance",
-            &synergy.explained_variance(),
-        )?;
+        put_rows(&mut text, "components", synergy.components().chunks_exact(synergy.n_joints()))?;
+        put(&mut text, "explained_variance", &synergy.explained_variance())?;
         put(&mut text, "contribution", &synergy.contribution())?;
         put(&mut text, "coefficient_min", &synergy.coefficient_min())?;
         put(&mut text, "coefficient_max", &synergy.coefficient_max())?;
@@ -76,10 +60,7 @@ impl SynergyFile {
             put(&mut text, "offset", &actuation.offset)?;
         }
         text.push('\n');
-        text.push_str(&toml::to_string(&BTreeMap::from([(
-            "provenance",
-            &self.provenance,
-        )]))?);
+        text.push_str(&toml::to_string(&BTreeMap::from([("provenance", &self.provenance)]))?);
         Ok(text)
     }
 
@@ -91,11 +72,7 @@ impl SynergyFile {
     pub fn from_toml(text: &str) -> Result<Self, SynergyError> {
         let SchemaOnly { schema } = toml::from_str(text)?;
         if schema != SCHEMA {
-            return Err(SynergyError::Schema {
-                what: "the synergy file",
-                expected: SCHEMA,
-                got: schema,
-            });
+            return Err(SynergyError::Schema { what: "the synergy file", expected: SCHEMA, got: schema });
         }
         let record: SynergyRecord = toml::from_str(text)?;
         let synergy = Synergy::from_parts(SynergyParts {
@@ -107,26 +84,13 @@ impl SynergyFile {
             coefficient_max: record.coefficient_max,
             n_postures: record.n_postures,
         })?;
-        check_derived(
-            "explained_variance",
-            &record.explained_variance,
-            synergy.explained_variance(),
-        )?;
+        check_derived("explained_variance", &record.explained_variance, synergy.explained_variance())?;
         check_derived("contribution", &record.contribution, synergy.contribution())?;
-        check_derived(
-            "total_variance",
-            &[record.total_variance],
-            &[synergy.total_variance()],
-        )?;
+        check_derived("total_variance", &[record.total_variance], &[synergy.total_variance()])?;
         if let Some(actuation) = &record.actuation {
             actuation.validate(synergy.n_joints())?;
         }
-        Ok(SynergyFile {
-            hand: record.hand,
-            synergy,
-            actuation: record.actuation,
-            provenance: record.provenance,
-        })
+        Ok(SynergyFile { hand: record.hand, synergy, actuation: record.actuation, provenance: record.provenance })
     }
 
     /// Reads a file.
@@ -173,11 +137,7 @@ struct SynergyRecord {
     provenance: BTreeMap<String, String>,
 }
 
-fn put(
-    text: &mut String,
-    key: &str,
-    value: &(impl Serialize + ?Sized),
-) -> Result<(), SynergyError> {
+fn put(text: &mut String, key: &str, value: &(impl Serialize + ?Sized)) -> Result<(), SynergyError> {
     let mut line = String::new();
     value.serialize(toml::ser::ValueSerializer::new(&mut line))?;
     // Writing to a String cannot fail.
@@ -186,11 +146,7 @@ fn put(
 }
 
 /// Writes an array with one element a line: a matrix by rows.
-fn put_rows<T: Serialize>(
-    text: &mut String,
-    key: &str,
-    rows: impl IntoIterator<Item = T>,
-) -> Result<(), SynergyError> {
+fn put_rows<T: Serialize>(text: &mut String, key: &str, rows: impl IntoIterator<Item = T>) -> Result<(), SynergyError> {
     let _ = writeln!(text, "{key} = [");
     for row in rows {
         let mut line = String::new();
@@ -206,11 +162,7 @@ fn check_derived(name: &str, stored: &[f64], computed: &[f64]) -> Result<(), Syn
     for (i, (stored, computed)) in stored.iter().zip(computed).enumerate() {
         if (stored - computed).abs() > DERIVED_TOLERANCE * computed.abs() {
             let expected = format!("{computed}, which follows from the eigenvalues");
-            return Err(SynergyError::invalid(
-                format!("{name}[{i}]"),
-                expected,
-                stored,
-            ));
+            return Err(SynergyError::invalid(format!("{name}[{i}]"), expected, stored));
         }
     }
     Ok(())

@@ -29,9 +29,7 @@ impl Unit {
 
     /// Returns the unit whose symbol is `symbol`, if there is one.
     pub fn from_symbol(symbol: &str) -> Option<Self> {
-        [Unit::Radian, Unit::Metre]
-            .into_iter()
-            .find(|unit| unit.symbol() == symbol)
+        [Unit::Radian, Unit::Metre].into_iter().find(|unit| unit.symbol() == symbol)
     }
 }
 
@@ -66,9 +64,7 @@ pub(crate) fn check_joints(joints: &[JointInfo]) -> Result<(), SynergyError> {
     }
     let mut seen = HashSet::new();
     for joint in joints {
-        let JointInfo {
-            name, lower, upper, ..
-        } = joint;
+        let JointInfo { name, lower, upper, .. } = joint;
         if name.is_empty() {
             return fail("a joint has an empty name".to_owned());
         }
@@ -76,61 +72,35 @@ pub(crate) fn check_joints(joints: &[JointInfo]) -> Result<(), SynergyError> {
             return fail(format!("the name {name:?} occurs twice"));
         }
         if lower.is_nan() || upper.is_nan() || lower > upper {
-            return fail(format!(
-                "joint {name:?} has the limits [{lower}, {upper}]; expected lower <= upper"
-            ));
+            return fail(format!("joint {name:?} has the limits [{lower}, {upper}]; expected lower <= upper"));
         }
     }
     Ok(())
 }
 
 /// Checks that `posture` has one finite number for each of `n_joints`.
-pub(crate) fn check_posture(
-    posture: &[f64],
-    n_joints: usize,
-    row: usize,
-) -> Result<(), SynergyError> {
+pub(crate) fn check_posture(posture: &[f64], n_joints: usize, row: usize) -> Result<(), SynergyError> {
     if posture.len() != n_joints {
-        return Err(SynergyError::PostureLength {
-            row,
-            expected: n_joints,
-            got: posture.len(),
-        });
+        return Err(SynergyError::PostureLength { row, expected: n_joints, got: posture.len() });
     }
     match posture.iter().position(|value| !value.is_finite()) {
-        Some(column) => Err(SynergyError::NonFinitePosture {
-            row,
-            column,
-            got: posture[column],
-        }),
+        Some(column) => Err(SynergyError::NonFinitePosture { row, column, got: posture[column] }),
         None => Ok(()),
     }
 }
 
 /// Checks that two joint lists name the same coordinates: names and units in the same order (limits may differ).
-pub(crate) fn check_same_joints(
-    expected: &[JointInfo],
-    got: &[JointInfo],
-) -> Result<(), SynergyError> {
-    let same = expected.len() == got.len()
-        && expected
-            .iter()
-            .zip(got)
-            .all(|(a, b)| a.name == b.name && a.unit == b.unit);
+pub(crate) fn check_same_joints(expected: &[JointInfo], got: &[JointInfo]) -> Result<(), SynergyError> {
+    let same =
+        expected.len() == got.len() && expected.iter().zip(got).all(|(a, b)| a.name == b.name && a.unit == b.unit);
     if same {
         return Ok(());
     }
-    Err(SynergyError::JointMismatch {
-        expected: describe(expected),
-        got: describe(got),
-    })
+    Err(SynergyError::JointMismatch { expected: describe(expected), got: describe(got) })
 }
 
 fn describe(joints: &[JointInfo]) -> String {
-    let names: Vec<String> = joints
-        .iter()
-        .map(|joint| format!("{:?} [{}]", joint.name, joint.unit))
-        .collect();
+    let names: Vec<String> = joints.iter().map(|joint| format!("{:?} [{}]", joint.name, joint.unit)).collect();
     format!("{} joints: {}", joints.len(), names.join(", "))
 }
 
@@ -139,12 +109,7 @@ mod tests {
     use super::*;
 
     fn joint(name: &str, lower: f64, upper: f64) -> JointInfo {
-        JointInfo {
-            name: name.to_owned(),
-            unit: Unit::Radian,
-            lower,
-            upper,
-        }
+        JointInfo { name: name.to_owned(), unit: Unit::Radian, lower, upper }
     }
 
     #[test]
@@ -152,31 +117,21 @@ mod tests {
         for (joints, part) in [
             (vec![], "at least one joint"),
             (vec![joint("", 0.0, 1.0)], "empty name"),
-            (
-                vec![joint("a", 0.0, 1.0), joint("a", 0.0, 1.0)],
-                "occurs twice",
-            ),
+            (vec![joint("a", 0.0, 1.0), joint("a", 0.0, 1.0)], "occurs twice"),
             (vec![joint("a", 1.0, 0.0)], "lower <= upper"),
             (vec![joint("a", f64::NAN, 0.0)], "lower <= upper"),
         ] {
             let message = check_joints(&joints).unwrap_err().to_string();
             assert!(message.contains(part), "{message}");
         }
-        check_joints(&[
-            joint("a", f64::NEG_INFINITY, f64::INFINITY),
-            joint("A", 0.0, 0.0),
-        ])
-        .unwrap();
+        check_joints(&[joint("a", f64::NEG_INFINITY, f64::INFINITY), joint("A", 0.0, 0.0)]).unwrap();
     }
 
     #[test]
     fn unit_symbols_are_those_of_serde() {
         for unit in [Unit::Radian, Unit::Metre] {
             assert_eq!(Unit::from_symbol(unit.symbol()), Some(unit));
-            assert_eq!(
-                toml::Value::try_from(unit).unwrap().as_str(),
-                Some(unit.symbol())
-            );
+            assert_eq!(toml::Value::try_from(unit).unwrap().as_str(), Some(unit.symbol()));
         }
         assert_eq!(Unit::from_symbol("deg"), None);
     }

@@ -41,20 +41,13 @@ impl Synergy {
     /// # Errors
     /// A bad joint list, fewer than two postures, a posture of the wrong length or with a number that is not finite,
     /// `k == 0`, or a decomposition that does not converge.
-    pub fn fit<P: AsRef<[f64]>>(
-        joints: &[JointInfo],
-        postures: &[P],
-        k: usize,
-    ) -> Result<Self, SynergyError> {
+    pub fn fit<P: AsRef<[f64]>>(joints: &[JointInfo], postures: &[P], k: usize) -> Result<Self, SynergyError> {
         let n_joints = joints.len();
         for (row, posture) in postures.iter().enumerate() {
             check_posture(posture.as_ref(), n_joints, row)?;
         }
         if postures.len() < MIN_POSTURES {
-            return Err(SynergyError::TooFewPostures {
-                expected: MIN_POSTURES,
-                got: postures.len(),
-            });
+            return Err(SynergyError::TooFewPostures { expected: MIN_POSTURES, got: postures.len() });
         }
         let (mean, covariance) = eigen::mean_and_covariance(postures, n_joints);
         let mut synergy = Self::decompose(joints, mean, &covariance, postures.len(), k)?;
@@ -75,46 +68,26 @@ impl Synergy {
         k: usize,
     ) -> Result<Self, SynergyError> {
         if covariance.n_joints() != joints.len() {
-            return Err(SynergyError::PostureLength {
-                row: 0,
-                expected: joints.len(),
-                got: covariance.n_joints(),
-            });
+            return Err(SynergyError::PostureLength { row: 0, expected: joints.len(), got: covariance.n_joints() });
         }
         let matrix = covariance.covariance()?;
         let matrix = MatRef::from_row_major_slice(&matrix, joints.len(), joints.len());
-        Self::decompose(
-            joints,
-            covariance.mean().to_vec(),
-            &matrix.to_owned(),
-            covariance.count(),
-            k,
-        )
+        Self::decompose(joints, covariance.mean().to_vec(), &matrix.to_owned(), covariance.count(), k)
     }
 
     /// Sets the range of the coefficients to that of `postures`.
     ///
     /// # Errors
     /// No posture, or one of the wrong length or with a number that is not finite; nothing changes then.
-    pub fn set_coefficient_range<P: AsRef<[f64]>>(
-        &mut self,
-        postures: &[P],
-    ) -> Result<(), SynergyError> {
+    pub fn set_coefficient_range<P: AsRef<[f64]>>(&mut self, postures: &[P]) -> Result<(), SynergyError> {
         if postures.is_empty() {
-            return Err(SynergyError::TooFewPostures {
-                expected: 1,
-                got: 0,
-            });
+            return Err(SynergyError::TooFewPostures { expected: 1, got: 0 });
         }
         let mut lowest = vec![f64::INFINITY; self.n_components()];
         let mut highest = vec![f64::NEG_INFINITY; self.n_components()];
         for (row, posture) in postures.iter().enumerate() {
             check_posture(posture.as_ref(), self.n_joints(), row)?;
-            for ((low, high), z) in lowest
-                .iter_mut()
-                .zip(&mut highest)
-                .zip(self.encode(posture.as_ref()))
-            {
+            for ((low, high), z) in lowest.iter_mut().zip(&mut highest).zip(self.encode(posture.as_ref())) {
                 *low = low.min(z);
                 *high = high.max(z);
             }
@@ -156,15 +129,8 @@ impl Synergy {
     /// Builds a space from numbers that were stored, after checking every length and relation between them.
     pub(crate) fn from_parts(parts: SynergyParts) -> Result<Self, SynergyError> {
         parts.check()?;
-        let SynergyParts {
-            joints,
-            mean,
-            components,
-            eigenvalues,
-            coefficient_min,
-            coefficient_max,
-            n_postures,
-        } = parts;
+        let SynergyParts { joints, mean, components, eigenvalues, coefficient_min, coefficient_max, n_postures } =
+            parts;
         let contribution = eigen::contribution_rates(&eigenvalues, components.len());
         let components = components.concat();
         let projector = Projector::new(&mean, &components);
@@ -269,13 +235,7 @@ impl Synergy {
         self.assert_length(posture.len());
         self.components
             .chunks_exact(self.n_joints())
-            .map(|row| {
-                row.iter()
-                    .zip(posture)
-                    .zip(&self.mean)
-                    .map(|((c, q), mean)| c * (q - mean))
-                    .sum()
-            })
+            .map(|row| row.iter().zip(posture).zip(&self.mean).map(|((c, q), mean)| c * (q - mean)).sum())
             .collect()
     }
 
@@ -296,17 +256,9 @@ impl Synergy {
     /// # Panics
     /// When `coefficients` has not one number for each component.
     pub fn decode_unclamped(&self, coefficients: &[f64]) -> Vec<f64> {
-        assert_eq!(
-            coefficients.len(),
-            self.n_components(),
-            "one coefficient for each component is needed"
-        );
+        assert_eq!(coefficients.len(), self.n_components(), "one coefficient for each component is needed");
         let mut posture = self.mean.clone();
-        for (row, z) in self
-            .components
-            .chunks_exact(self.n_joints())
-            .zip(coefficients)
-        {
+        for (row, z) in self.components.chunks_exact(self.n_joints()).zip(coefficients) {
             for (q, c) in posture.iter_mut().zip(row) {
                 *q += z * c;
             }
@@ -334,11 +286,7 @@ impl Synergy {
     /// # Source
     /// Section 2.2.
     pub fn error(&self, posture: &[f64]) -> f64 {
-        self.residual(posture)
-            .iter()
-            .map(|r| r * r)
-            .sum::<f64>()
-            .sqrt()
+        self.residual(posture).iter().map(|r| r * r).sum::<f64>().sqrt()
     }
 
     /// Returns the same error of a single-precision posture, without an allocation: what a reward calls.
@@ -355,18 +303,11 @@ impl Synergy {
     /// # Panics
     /// When a posture has not one number for each joint.
     pub fn mean_error<P: AsRef<[f64]>>(&self, postures: &[P]) -> f64 {
-        let sum: f64 = postures
-            .iter()
-            .map(|posture| self.error(posture.as_ref()))
-            .sum();
+        let sum: f64 = postures.iter().map(|posture| self.error(posture.as_ref())).sum();
         sum / postures.len().max(1) as f64
     }
 
     fn assert_length(&self, length: usize) {
-        assert_eq!(
-            length,
-            self.n_joints(),
-            "one number for each joint is needed"
-        );
+        assert_eq!(length, self.n_joints(), "one number for each joint is needed");
     }
 }

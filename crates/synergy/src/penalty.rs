@@ -53,11 +53,7 @@ pub struct PenaltyConfig {
 
 impl Default for PenaltyConfig {
     fn default() -> Self {
-        PenaltyConfig {
-            lambda: 1.0,
-            form: PenaltyForm::Saturating { cap: 0.9 },
-            start_after: 100,
-        }
+        PenaltyConfig { lambda: 1.0, form: PenaltyForm::Saturating { cap: 0.9 }, start_after: 100 }
     }
 }
 
@@ -68,13 +64,7 @@ impl PenaltyConfig {
     /// [`SynergyError::Penalty`] when `lambda` is negative or not finite, or when a saturating penalty could bring a
     /// success down to a failure in single precision.
     pub fn validate(&self, r_success: f64, r_failure: f64) -> Result<(), SynergyError> {
-        let fail = |name, expected: &str, got| {
-            Err(SynergyError::Penalty {
-                name,
-                expected: expected.to_owned(),
-                got,
-            })
-        };
+        let fail = |name, expected: &str, got| Err(SynergyError::Penalty { name, expected: expected.to_owned(), got });
         if !(self.lambda >= 0.0 && self.lambda.is_finite()) {
             return fail("lambda", "a finite number of 0 or more", self.lambda);
         }
@@ -82,10 +72,7 @@ impl PenaltyConfig {
             let worst_success = r_success as f32 - cap as f32;
             let above_failure = worst_success > r_failure as f32;
             if !(cap > 0.0 && above_failure) {
-                let expected = format!(
-                    "a number above 0 and below r_success - r_failure = {}",
-                    r_success - r_failure
-                );
+                let expected = format!("a number above 0 and below r_success - r_failure = {}", r_success - r_failure);
                 return fail("form.cap", &expected, cap);
             }
         }
@@ -109,24 +96,13 @@ pub struct Feedback {
 impl Feedback {
     /// Returns the feedback before the first analysis: no penalty yet.
     pub fn new(config: &PenaltyConfig) -> Self {
-        let PenaltyConfig {
-            lambda,
-            form,
-            start_after,
-        } = *config;
-        Feedback {
-            synergy: None,
-            lambda,
-            form,
-            start_after,
-        }
+        let PenaltyConfig { lambda, form, start_after } = *config;
+        Feedback { synergy: None, lambda, form, start_after }
     }
 
     /// Returns the space if a penalty is subtracted now: there is one, of enough postures, and `lambda` is not 0.
     pub fn active(&self) -> Option<&Synergy> {
-        self.synergy
-            .as_deref()
-            .filter(|synergy| self.lambda != 0.0 && synergy.n_postures() > self.start_after)
+        self.synergy.as_deref().filter(|synergy| self.lambda != 0.0 && synergy.n_postures() > self.start_after)
     }
 
     /// Returns what to subtract from the reward of a success in `posture`.
@@ -138,10 +114,7 @@ impl Feedback {
     /// Section 2.2, and section 4 for its start.
     pub fn penalty(&self, posture: &[f32]) -> f32 {
         match self.active() {
-            Some(synergy) => self
-                .form
-                .penalty(self.lambda, f64::from(synergy.error_f32(posture)))
-                as f32,
+            Some(synergy) => self.form.penalty(self.lambda, f64::from(synergy.error_f32(posture))) as f32,
             None => 0.0,
         }
     }
@@ -199,82 +172,39 @@ mod tests {
     fn bad_settings_are_refused() {
         let valid = PenaltyConfig::default();
         valid.validate(0.0, -1.0).unwrap();
-        let cap = |cap| PenaltyConfig {
-            form: PenaltyForm::Saturating { cap },
-            ..valid
-        };
-        for config in [
-            cap(1.0),
-            cap(1.5),
-            cap(0.0),
-            cap(-0.1),
-            cap(f64::NAN),
-            cap(1.0 - 1e-12),
-        ] {
+        let cap = |cap| PenaltyConfig { form: PenaltyForm::Saturating { cap }, ..valid };
+        for config in [cap(1.0), cap(1.5), cap(0.0), cap(-0.1), cap(f64::NAN), cap(1.0 - 1e-12)] {
             let message = config.validate(0.0, -1.0).unwrap_err().to_string();
-            assert!(
-                message.contains("form.cap") && message.contains("r_success - r_failure = 1"),
-                "{message}"
-            );
+            assert!(message.contains("form.cap") && message.contains("r_success - r_failure = 1"), "{message}");
         }
         for lambda in [-1.0, f64::NAN, f64::INFINITY] {
-            let config = PenaltyConfig {
-                lambda,
-                form: PenaltyForm::Literal,
-                ..valid
-            };
-            assert!(
-                config
-                    .validate(0.0, -1.0)
-                    .unwrap_err()
-                    .to_string()
-                    .contains("lambda")
-            );
+            let config = PenaltyConfig { lambda, form: PenaltyForm::Literal, ..valid };
+            assert!(config.validate(0.0, -1.0).unwrap_err().to_string().contains("lambda"));
         }
     }
 
     #[test]
     fn settings_are_read_from_toml() {
-        let config: PenaltyConfig =
-            toml::from_str("lambda = 2\nform = { kind = \"saturating\", cap = 0.5 }").unwrap();
-        assert_eq!(
-            (config.lambda, config.form),
-            (2.0, PenaltyForm::Saturating { cap: 0.5 })
-        );
+        let config: PenaltyConfig = toml::from_str("lambda = 2\nform = { kind = \"saturating\", cap = 0.5 }").unwrap();
+        assert_eq!((config.lambda, config.form), (2.0, PenaltyForm::Saturating { cap: 0.5 }));
         assert_eq!(config.start_after, 100);
         let config: PenaltyConfig = toml::from_str("form.kind = \"literal\"").unwrap();
         assert_eq!(config.form, PenaltyForm::Literal);
         let text = toml::to_string(&PenaltyConfig::default()).unwrap();
-        assert_eq!(
-            toml::from_str::<PenaltyConfig>(&text).unwrap(),
-            PenaltyConfig::default()
-        );
-        for bad in [
-            "lamda = 1.0",
-            "form = { kind = \"cubic\" }",
-            "form = { kind = \"saturating\" }",
-        ] {
+        assert_eq!(toml::from_str::<PenaltyConfig>(&text).unwrap(), PenaltyConfig::default());
+        for bad in ["lamda = 1.0", "form = { kind = \"cubic\" }", "form = { kind = \"saturating\" }"] {
             toml::from_str::<PenaltyConfig>(bad).unwrap_err();
         }
     }
 
     #[test]
     fn the_penalty_starts_after_enough_postures() {
-        let joints = ["a", "b"].map(|name| JointInfo {
-            name: name.to_owned(),
-            unit: Unit::Radian,
-            lower: -9.0,
-            upper: 9.0,
-        });
+        let joints =
+            ["a", "b"].map(|name| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -9.0, upper: 9.0 });
         let postures: Vec<[f64; 2]> = (0..101).map(|i| [f64::from(i) / 50.0 - 1.0, 0.0]).collect();
-        let mut feedback = Feedback::new(&PenaltyConfig {
-            form: PenaltyForm::Literal,
-            ..PenaltyConfig::default()
-        });
+        let mut feedback = Feedback::new(&PenaltyConfig { form: PenaltyForm::Literal, ..PenaltyConfig::default() });
         assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
-        feedback.synergy = Some(Arc::new(
-            Synergy::fit(&joints, &postures[..100], 1).unwrap(),
-        ));
+        feedback.synergy = Some(Arc::new(Synergy::fit(&joints, &postures[..100], 1).unwrap()));
         assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
         feedback.synergy = Some(Arc::new(Synergy::fit(&joints, &postures, 1).unwrap()));
         assert!((feedback.penalty(&[0.5, 0.25]) - 0.25).abs() < 1e-6);

@@ -32,10 +32,7 @@ impl Projector {
                     .collect()
             })
             .collect();
-        Projector {
-            mean: mean.to_vec(),
-            blocks,
-        }
+        Projector { mean: mean.to_vec(), blocks }
     }
 
     /// (posture: n) => e

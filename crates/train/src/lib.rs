@@ -1,1 +1,28 @@
-//! eigenhand-train
+//! Training, evaluation and export: the crate that brings hands, simulator, learner and synergy together.
+#![forbid(unsafe_code)]
+
+mod checkpoint;
+pub mod config;
+mod error;
+mod evaluation;
+mod export;
+mod files;
+mod metrics;
+mod progress;
+mod provenance;
+mod reward;
+mod rollout;
+mod run_dir;
+mod summary;
+mod trainer;
+
+pub use error::TrainError;
+pub use evaluation::{Evaluation, EvaluationStream, evaluate};
+pub use export::LoadedRun;
+pub use progress::{Bar, Lines, Progress, Silent, Status};
+pub use provenance::Provenance;
+pub use reward::GraspReward;
+pub use rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape, run_episode};
+pub use run_dir::{RunDirectory, read_config, read_provenance};
+pub use summary::{StoppedBy, Summary};
+pub use trainer::{Trainer, task_of};

@@ -6,52 +6,24 @@ use crate::fixture::Fixture;
 fn gears_tendons_and_the_slide() {
     let map = Fixture::new().load().unwrap().actuation();
     assert_eq!(map.actuators, ["slide", "left_drive", "right_drive"]);
-    assert_eq!(
-        map.joints,
-        [
-            "slide",
-            "left_near_joint",
-            "left_far_joint",
-            "right_near_joint",
-            "right_far_joint"
-        ]
-    );
+    assert_eq!(map.joints, ["slide", "left_near_joint", "left_far_joint", "right_near_joint", "right_far_joint"]);
     assert_eq!(
         map.matrix,
-        [
-            vec![1.0, 0.0, 0.0, 0.0, 0.0],
-            vec![0.0, 2.0, 0.0, 0.0, 0.0],
-            vec![0.0, 0.0, 0.0, 3.0, -0.5]
-        ]
+        [vec![1.0, 0.0, 0.0, 0.0, 0.0], vec![0.0, 2.0, 0.0, 0.0, 0.0], vec![0.0, 0.0, 0.0, 3.0, -0.5]]
     );
     assert_eq!(map.offset, [0.0; 3]);
     assert_eq!(map.ctrlrange, [(-0.12, 0.14), (-1.0, 1.0), (-1.0, 1.0)]);
     assert!(map.unmapped.is_empty());
-    assert_eq!(
-        map.commands(&[0.1, 0.25, 9.0, 0.2, 0.4]),
-        [0.1, 0.5, 0.2 * 3.0 - 0.5 * 0.4]
-    );
+    assert_eq!(map.commands(&[0.1, 0.25, 9.0, 0.2, 0.4]), [0.1, 0.5, 0.2 * 3.0 - 0.5 * 0.4]);
     assert_eq!(map.commands(&[5.0, -9.0, 0.0, 0.0, 0.0]), [0.14, -1.0, 0.0]);
 }
 
 #[test]
 fn a_driven_joint_outside_the_posture_follows_its_coupling_or_stays_open() {
     let files = Fixture::new();
-    files.edit(
-        "hand.toml",
-        "[mount]",
-        "posture_joints = [\"left_near_joint\", \"right_near_joint\"]\n[mount]",
-    );
-    files.edit(
-        "drives.xml",
-        "joint=\"left_near_joint\" gear",
-        "joint=\"left_far_joint\" gear",
-    );
-    files.edit(
-        "hand.toml",
-        "left_near_joint = 0.5",
-        "right_far_joint = 0.2",
-    );
+    files.edit("hand.toml", "[mount]", "posture_joints = [\"left_near_joint\", \"right_near_joint\"]\n[mount]");
+    files.edit("drives.xml", "joint=\"left_near_joint\" gear", "joint=\"left_far_joint\" gear");
+    files.edit("hand.toml", "left_near_joint = 0.5", "right_far_joint = 0.2");
     let map = files.load().unwrap().actuation();
     assert_eq!(map.matrix, [vec![0.0, 0.0], vec![4.0, 0.0], vec![0.0, 3.0]]);
     assert_eq!(map.offset, [0.0, 0.2, -0.1]);
@@ -77,8 +49,5 @@ fn general_actuators_are_servos_when_their_bias_is_affine() {
     assert_eq!(map.unmapped, ["right_drive"]);
     let (low, high) = hand.actuators[0].ctrlrange;
     let reach = std::f64::consts::PI;
-    assert!(
-        (low - (-reach - 0.2)).abs() < 1e-12 && (high - (reach - 0.2)).abs() < 1e-12,
-        "{low} {high}"
-    );
+    assert!((low - (-reach - 0.2)).abs() < 1e-12 && (high - (reach - 0.2)).abs() < 1e-12, "{low} {high}");
 }

@@ -26,8 +26,7 @@ fn unknown_key_names_the_nearest() {
 fn unknown_table_lists_the_known_keys() {
     let message = manifest_message("[open_posture]", "[qqq]");
     assert!(
-        message
-            .starts_with("DIR/hand.toml: unknown key `qqq`; known here: schema, name, description"),
+        message.starts_with("DIR/hand.toml: unknown key `qqq`; known here: schema, name, description"),
         "{message}"
     );
 }
@@ -75,20 +74,14 @@ fn wrong_type_and_wrong_value() {
         "DIR/hand.toml: key `open_posture.slide`: expected joints of the model only; the slide's start is `slide.start`, got 0.1"
     );
     assert_eq!(
-        manifest_message(
-            "0.2]\n",
-            "0.2]\nquaternion = [1, 0, 0, 0]\neuler_deg = [0, 0, 0]\n"
-        ),
+        manifest_message("0.2]\n", "0.2]\nquaternion = [1, 0, 0, 0]\neuler_deg = [0, 0, 0]\n"),
         "DIR/hand.toml: key `mount`: expected either `quaternion` or `euler_deg`, got both"
     );
 }
 
 #[test]
 fn missing_files() {
-    assert_eq!(
-        manifest_message("pincer.xml", "gone.xml"),
-        "DIR/hand.toml: `model`: file DIR/gone.xml does not exist"
-    );
+    assert_eq!(manifest_message("pincer.xml", "gone.xml"), "DIR/hand.toml: `model`: file DIR/gone.xml does not exist");
     assert_eq!(
         model_message("pad.obj", "gone.obj"),
         "DIR/pincer.xml: `mesh file`: file DIR/meshes/gone.obj does not exist"
@@ -99,10 +92,7 @@ fn missing_files() {
     );
     let hand = Fixture::new();
     std::fs::remove_file(hand.path("hand.toml")).unwrap();
-    assert_eq!(
-        hand.message(),
-        "DIR: no hand.toml here; a hand's directory holds one"
-    );
+    assert_eq!(hand.message(), "DIR: no hand.toml here; a hand's directory holds one");
 }
 
 #[test]

@@ -76,10 +76,7 @@ impl Fixture {
         let root = TempDir::new().unwrap();
         let directory = root.path().join("pincer");
         write(&directory);
-        Self {
-            _root: root,
-            directory,
-        }
+        Self { _root: root, directory }
     }
 
     pub fn path(&self, name: &str) -> PathBuf {
@@ -100,9 +97,7 @@ impl Fixture {
     /// Loads the hand, which must be broken, and returns the message with the directory shortened to `DIR`.
     pub fn message(&self) -> String {
         let error = self.load().expect_err("the hand is broken");
-        error
-            .to_string()
-            .replace(&self.directory.display().to_string(), "DIR")
+        error.to_string().replace(&self.directory.display().to_string(), "DIR")
     }
 }
 

@@ -14,29 +14,12 @@ fn range_of(hand: &Hand, joint: &str) -> (f64, f64) {
 fn joints_come_in_mujoco_order_with_ranges_of_their_classes() {
     let hand = Fixture::new().load().unwrap();
     let names: Vec<&str> = hand.joints.iter().map(|j| j.name.as_str()).collect();
-    assert_eq!(
-        names,
-        [
-            "left_near_joint",
-            "left_far_joint",
-            "right_near_joint",
-            "right_far_joint"
-        ]
-    );
-    assert_eq!(
-        range_of(&hand, "left_near_joint"),
-        (-90.0 * RAD_PER_DEG, 90.0 * RAD_PER_DEG)
-    );
+    assert_eq!(names, ["left_near_joint", "left_far_joint", "right_near_joint", "right_far_joint"]);
+    assert_eq!(range_of(&hand, "left_near_joint"), (-90.0 * RAD_PER_DEG, 90.0 * RAD_PER_DEG));
     assert_eq!(range_of(&hand, "left_far_joint"), (0.0, 60.0 * RAD_PER_DEG));
-    assert_eq!(
-        range_of(&hand, "right_far_joint"),
-        (10.0 * RAD_PER_DEG, 20.0 * RAD_PER_DEG)
-    );
+    assert_eq!(range_of(&hand, "right_far_joint"), (10.0 * RAD_PER_DEG, 20.0 * RAD_PER_DEG));
     let slide = hand.joint("right_near_joint").unwrap();
-    assert_eq!(
-        (slide.kind, slide.range, slide.unit),
-        (JointKind::Slide, Some((0.0, 0.05)), "m")
-    );
+    assert_eq!((slide.kind, slide.range, slide.unit), (JointKind::Slide, Some((0.0, 0.05)), "m"));
 }
 
 #[test]
@@ -44,29 +27,14 @@ fn radians_are_taken_as_written() {
     let files = Fixture::new();
     files.edit("pincer.xml", "<compiler ", "<compiler angle=\"radian\" ");
     files.edit("hand.toml", "left_near_joint = 0.5", "left_near_joint = 50");
-    assert_eq!(
-        range_of(&files.load().unwrap(), "left_far_joint"),
-        (0.0, 60.0)
-    );
+    assert_eq!(range_of(&files.load().unwrap(), "left_far_joint"), (0.0, 60.0));
 }
 
 #[test]
 fn an_unlimited_joint_has_no_range() {
     let files = Fixture::new();
-    files.edit(
-        "pincer.xml",
-        "class=\"far\" axis",
-        "class=\"far\" limited=\"false\" axis",
-    );
-    assert_eq!(
-        files
-            .load()
-            .unwrap()
-            .joint("right_far_joint")
-            .unwrap()
-            .range,
-        None
-    );
+    files.edit("pincer.xml", "class=\"far\" axis", "class=\"far\" limited=\"false\" axis");
+    assert_eq!(files.load().unwrap().joint("right_far_joint").unwrap().range, None);
 }
 
 #[test]
@@ -74,10 +42,7 @@ fn couplings_in_force_are_read() {
     let hand = Fixture::new().load().unwrap();
     assert_eq!(hand.couplings.len(), 1);
     let coupling = &hand.couplings[0];
-    assert_eq!(
-        (coupling.dependent.as_str(), coupling.driver.as_deref()),
-        ("left_far_joint", Some("left_near_joint"))
-    );
+    assert_eq!((coupling.dependent.as_str(), coupling.driver.as_deref()), ("left_far_joint", Some("left_near_joint")));
     assert!((coupling.evaluate(0.25) - 0.6).abs() < 1e-15);
 }
 
@@ -90,10 +55,7 @@ fn the_open_posture_is_clamped_and_follows_couplings() {
     assert_eq!(open["left_far_joint"], 60.0 * RAD_PER_DEG);
     assert_eq!(open["right_near_joint"], 0.0);
     assert_eq!(open["right_far_joint"], 10.0 * RAD_PER_DEG);
-    assert_eq!(
-        hand.open_posture_vector(),
-        [0.0, 0.5, 60.0 * RAD_PER_DEG, 0.0, 10.0 * RAD_PER_DEG]
-    );
+    assert_eq!(hand.open_posture_vector(), [0.0, 0.5, 60.0 * RAD_PER_DEG, 0.0, 10.0 * RAD_PER_DEG]);
 }
 
 #[test]
@@ -120,10 +82,7 @@ fn the_digest_covers_every_file_and_nothing_else() {
     let files = Fixture::new();
     let hand = files.load().unwrap();
     let names: Vec<String> = hand.files.iter().map(|f| f.display().to_string()).collect();
-    assert_eq!(
-        names,
-        ["drives.xml", "hand.toml", "meshes/pad.obj", "pincer.xml"]
-    );
+    assert_eq!(names, ["drives.xml", "hand.toml", "meshes/pad.obj", "pincer.xml"]);
     assert_eq!(hand.digest.len(), 64);
     std::fs::write(files.path("README.md"), "about").unwrap();
     assert_eq!(files.load().unwrap().digest, hand.digest);
@@ -146,44 +105,18 @@ fn includes_are_expanded_in_place() {
 #[test]
 fn the_summary_tells_who_set_a_value() {
     let files = Fixture::new();
-    files.edit(
-        "drives.xml",
-        "gear=\"2\"",
-        "gear=\"2\" ctrllimited=\"false\"",
-    );
+    files.edit("drives.xml", "gear=\"2\"", "gear=\"2\" ctrllimited=\"false\"");
     let summary = HandSummary::of(&files.load().unwrap());
-    assert_eq!(
-        (
-            summary.n_joints,
-            summary.n_actuators,
-            summary.n_fingers,
-            summary.n_posture
-        ),
-        (5, 3, 2, 5)
-    );
-    let origin = |key: &str| {
-        summary
-            .values
-            .iter()
-            .find(|v| v.key == key)
-            .map(|v| v.origin)
-    };
+    assert_eq!((summary.n_joints, summary.n_actuators, summary.n_fingers, summary.n_posture), (5, 3, 2, 5));
+    let origin = |key: &str| summary.values.iter().find(|v| v.key == key).map(|v| v.origin);
     assert_eq!(origin("palm"), Some(ValueOrigin::Written));
     assert_eq!(origin("slide.kp"), Some(ValueOrigin::Default));
     assert_eq!(origin("posture_joints"), Some(ValueOrigin::Computed));
     assert_eq!(origin("open_posture"), Some(ValueOrigin::Computed));
-    assert_eq!(
-        origin("actuator left_drive ctrlrange"),
-        Some(ValueOrigin::Computed)
-    );
+    assert_eq!(origin("actuator left_drive ctrlrange"), Some(ValueOrigin::Computed));
     let json = serde_json::to_value(&summary).unwrap();
     assert_eq!(json["n_joints"], 5);
     assert_eq!(json["licence"], "unknown");
-    let position = json["values"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .find(|v| v["key"] == "mount.position")
-        .unwrap();
+    let position = json["values"].as_array().unwrap().iter().find(|v| v["key"] == "mount.position").unwrap();
     assert_eq!(position["value"], serde_json::json!([0.0, 0.0, 0.2]));
 }

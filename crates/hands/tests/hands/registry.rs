@@ -10,9 +10,7 @@ use crate::fixture;
 
 fn rename(directory: &Path, name: &str) {
     let path = directory.join("hand.toml");
-    let text = std::fs::read_to_string(&path)
-        .unwrap()
-        .replace("\"pincer\"", &format!("\"{name}\""));
+    let text = std::fs::read_to_string(&path).unwrap().replace("\"pincer\"", &format!("\"{name}\""));
     std::fs::write(path, text).unwrap();
 }
 
@@ -38,16 +36,10 @@ fn hands_are_found_by_name_and_by_path() {
     let registry = discover(&[place.path()]);
     let names: Vec<&str> = registry.list().iter().map(|e| e.name.as_str()).collect();
     assert_eq!(names, ["alpha", "bravo"]);
-    assert_eq!(
-        registry.get("bravo").unwrap().directory,
-        place.path().join("b")
-    );
+    assert_eq!(registry.get("bravo").unwrap().directory, place.path().join("b"));
     let other = place_with(&[("c", "charlie")]);
     let path = other.path().join("c");
-    assert_eq!(
-        registry.get(path.to_str().unwrap()).unwrap().manifest.name,
-        "charlie"
-    );
+    assert_eq!(registry.get(path.to_str().unwrap()).unwrap().manifest.name, "charlie");
     assert_eq!(discover(&[&path]).get("charlie").unwrap().directory, path);
 }
 
@@ -66,10 +58,7 @@ fn an_unknown_hand_names_the_nearest() {
 
 #[test]
 fn two_hands_of_one_name_are_refused_and_the_others_stay() {
-    let (one, two) = (
-        place_with(&[("a", "alpha"), ("b", "bravo")]),
-        place_with(&[("x", "alpha")]),
-    );
+    let (one, two) = (place_with(&[("a", "alpha"), ("b", "bravo")]), place_with(&[("x", "alpha")]));
     let registry = discover(&[one.path(), two.path()]);
     let error = registry.get("alpha").unwrap_err();
     assert_eq!(
@@ -80,21 +69,14 @@ fn two_hands_of_one_name_are_refused_and_the_others_stay() {
             two.path().join("x").display()
         )
     );
-    assert_eq!(
-        registry.list().iter().filter(|e| e.hand.is_err()).count(),
-        2
-    );
+    assert_eq!(registry.list().iter().filter(|e| e.hand.is_err()).count(), 2);
     assert!(registry.get("bravo").is_ok());
 }
 
 #[test]
 fn one_directory_reached_twice_is_one_hand() {
     let place = place_with(&[("a", "alpha")]);
-    let registry = discover(&[
-        place.path(),
-        &place.path().join("a"),
-        &place.path().join("a/.."),
-    ]);
+    let registry = discover(&[place.path(), &place.path().join("a"), &place.path().join("a/..")]);
     assert_eq!(registry.list().len(), 1);
     assert!(registry.get("alpha").is_ok());
 }
@@ -106,32 +88,19 @@ fn a_broken_hand_is_listed_with_its_error() {
     std::fs::create_dir(place.path().join("c")).unwrap();
     std::fs::write(place.path().join("c/hand.toml"), "schema = ").unwrap();
     let registry = discover(&[place.path()]);
-    let state: Vec<(&str, bool)> = registry
-        .list()
-        .iter()
-        .map(|e| (e.name.as_str(), e.summary().is_some()))
-        .collect();
+    let state: Vec<(&str, bool)> = registry.list().iter().map(|e| (e.name.as_str(), e.summary().is_some())).collect();
     assert_eq!(state, [("alpha", false), ("bravo", true), ("c", false)]);
-    assert!(matches!(
-        registry.get("alpha"),
-        Err(HandError::MissingFile { .. })
-    ));
+    assert!(matches!(registry.get("alpha"), Err(HandError::MissingFile { .. })));
     assert!(matches!(registry.get("c"), Err(HandError::Toml { .. })));
 }
 
 #[test]
 fn a_broken_hand_does_not_hide_a_sound_one() {
-    let (one, two) = (
-        place_with(&[("alpha", "bravo")]),
-        place_with(&[("x", "alpha")]),
-    );
+    let (one, two) = (place_with(&[("alpha", "bravo")]), place_with(&[("x", "alpha")]));
     std::fs::write(one.path().join("alpha/hand.toml"), "schema = ").unwrap();
     let registry = discover(&[one.path(), two.path()]);
     assert_eq!(registry.list().len(), 2);
-    assert_eq!(
-        registry.get("alpha").unwrap().directory,
-        two.path().join("x")
-    );
+    assert_eq!(registry.get("alpha").unwrap().directory, two.path().join("x"));
 }
 
 #[test]
@@ -139,10 +108,7 @@ fn a_directory_that_somebody_named_must_exist() {
     let mut path = SearchPath::new();
     path.push("/nowhere/at/all", "--plugins");
     let error = Registry::discover(&path).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "/nowhere/at/all: named by --plugins as a place of plugins, but it is no directory"
-    );
+    assert_eq!(error.to_string(), "/nowhere/at/all: named by --plugins as a place of plugins, but it is no directory");
 }
 
 /// Runs as the child of the next test, where the environment is set.
@@ -150,8 +116,7 @@ fn a_directory_that_somebody_named_must_exist() {
 #[ignore = "a child process of `the_environment_adds_places` runs it"]
 fn child_prints_the_search_path() {
     let path = SearchPath::from_environment(&["/extra".into()]);
-    path.directories()
-        .for_each(|d| println!("place={}", d.display()));
+    path.directories().for_each(|d| println!("place={}", d.display()));
 }
 
 #[test]
@@ -162,24 +127,13 @@ fn the_environment_adds_places() {
     std::fs::create_dir(work.path().join("plugins")).unwrap();
     std::fs::write(work.path().join("Cargo.lock"), "").unwrap();
     let output = Command::new(std::env::current_exe().unwrap())
-        .args([
-            "--exact",
-            "registry::child_prints_the_search_path",
-            "--ignored",
-            "--nocapture",
-        ])
+        .args(["--exact", "registry::child_prints_the_search_path", "--ignored", "--nocapture"])
         .current_dir(&deep)
         .env(PLUGINS_VARIABLE, "/one:/two")
         .output()
         .unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
-    let places: Vec<&str> = text
-        .lines()
-        .filter_map(|line| line.split_once("place=").map(|(_, p)| p))
-        .collect();
+    let places: Vec<&str> = text.lines().filter_map(|line| line.split_once("place=").map(|(_, p)| p)).collect();
     let plugins = work.path().canonicalize().unwrap().join("plugins");
-    assert_eq!(
-        places,
-        [plugins.to_str().unwrap(), "/one", "/two", "/extra"]
-    );
+    assert_eq!(places, [plugins.to_str().unwrap(), "/one", "/two", "/extra"]);
 }

@@ -27,20 +27,12 @@ fn joints_and_actuators_are_those_of_the_facts() {
         "WRJ1 WRJ0 FFJ3 FFJ2 FFJ1 FFJ0 MFJ3 MFJ2 MFJ1 MFJ0 RFJ3 RFJ2 RFJ1 RFJ0 LFJ4 LFJ3 LFJ2 LFJ1 LFJ0 THJ4 THJ3 THJ2 THJ1 THJ0"
     );
     assert_eq!(hand.compiler.angle, AngleUnit::Radian);
-    assert!(
-        hand.joints
-            .iter()
-            .all(|j| j.kind == JointKind::Hinge && j.range.is_some())
-    );
+    assert!(hand.joints.iter().all(|j| j.kind == JointKind::Hinge && j.range.is_some()));
     assert_eq!(hand.joint("WRJ1").unwrap().range, Some((-0.489, 0.140)));
     assert_eq!(hand.joint("RFJ3").unwrap().range, Some((-0.349, 0.349)));
     assert_eq!(hand.joint("LFJ0").unwrap().range, Some((0.0, 1.571)));
     assert_eq!(hand.joint("THJ0").unwrap().range, Some((-1.571, 0.0)));
-    let actuators: Vec<&str> = hand
-        .actuators
-        .iter()
-        .map(|a| a.name.trim_start_matches("A_"))
-        .collect();
+    let actuators: Vec<&str> = hand.actuators.iter().map(|a| a.name.trim_start_matches("A_")).collect();
     assert_eq!(
         actuators.join(" "),
         "WRJ1 WRJ0 FFJ3 FFJ2 FFJ1 MFJ3 MFJ2 MFJ1 RFJ3 RFJ2 RFJ1 LFJ4 LFJ3 LFJ2 LFJ1 THJ4 THJ3 THJ2 THJ1 THJ0"
@@ -48,11 +40,7 @@ fn joints_and_actuators_are_those_of_the_facts() {
     for actuator in &hand.actuators {
         let joint = hand.joint(actuator.name.trim_start_matches("A_")).unwrap();
         assert_eq!(Some(actuator.ctrlrange), joint.range, "{}", actuator.name);
-        assert!(
-            actuator.forcerange.is_some_and(|(low, high)| low == -high),
-            "{}",
-            actuator.name
-        );
+        assert!(actuator.forcerange.is_some_and(|(low, high)| low == -high), "{}", actuator.name);
     }
     assert_eq!(hand.actuators[0].servo.unwrap().gain, 5.0);
     assert_eq!(hand.actuators[2].servo.unwrap().gain, 1.0);
@@ -60,11 +48,8 @@ fn joints_and_actuators_are_those_of_the_facts() {
 
 #[test]
 fn distal_joints_follow_the_middle_ones() {
-    let pairs: Vec<(String, String)> = shadow()
-        .couplings
-        .into_iter()
-        .map(|c| (c.dependent, c.driver.unwrap()))
-        .collect();
+    let pairs: Vec<(String, String)> =
+        shadow().couplings.into_iter().map(|c| (c.dependent, c.driver.unwrap())).collect();
     let expected = ["FF", "MF", "RF", "LF"].map(|f| (format!("{f}J0"), format!("{f}J1")));
     assert_eq!(pairs, expected);
 }
@@ -74,19 +59,12 @@ fn a_posture_of_25_joints_maps_to_21_commands() {
     let hand = shadow();
     let map = hand.actuation();
     assert_eq!((map.joints.len(), map.actuators.len()), (25, 21));
-    assert_eq!(
-        (map.joints[0].as_str(), map.actuators[0].as_str()),
-        ("slide", "slide")
-    );
+    assert_eq!((map.joints[0].as_str(), map.actuators[0].as_str()), ("slide", "slide"));
     assert!(map.unmapped.is_empty());
     let open = hand.open_posture_vector();
     let commands = map.commands(&open);
     for (actuator, command) in map.actuators.iter().zip(commands) {
-        let column = map
-            .joints
-            .iter()
-            .position(|j| j == actuator.trim_start_matches("A_"))
-            .unwrap();
+        let column = map.joints.iter().position(|j| j == actuator.trim_start_matches("A_")).unwrap();
         assert_eq!(command, open[column], "{actuator}");
     }
 }
@@ -98,33 +76,16 @@ fn it_hangs_palm_down_above_the_origin() {
     let to_world = |v: [f64; 3]| mount * nalgebra::Point3::from(v);
     // The finger bases' middle, from the root along the arm.
     let bases = to_world([0.0, 0.0, 0.256 + 0.034 + 0.095]);
-    assert!(
-        (bases - nalgebra::Point3::new(0.0, 0.0, 0.16)).norm() < 1e-12,
-        "{bases}"
-    );
+    assert!((bases - nalgebra::Point3::new(0.0, 0.0, 0.16)).norm() < 1e-12, "{bases}");
     let palm_faces = mount.rotation * -nalgebra::Vector3::y();
-    assert!(
-        (palm_faces + nalgebra::Vector3::z()).norm() < 1e-12,
-        "{palm_faces}"
-    );
-    assert!(
-        hand.fingertips
-            .iter()
-            .all(|tip| tip.kind == FrameKind::Site)
-    );
+    assert!((palm_faces + nalgebra::Vector3::z()).norm() < 1e-12, "{palm_faces}");
+    assert!(hand.fingertips.iter().all(|tip| tip.kind == FrameKind::Site));
 }
 
 #[test]
 fn the_docs_describe_every_key() {
-    let docs = std::fs::read_to_string(
-        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/hands.md"),
-    )
-    .unwrap();
+    let docs = std::fs::read_to_string(PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../docs/hands.md")).unwrap();
     for info in eigenhand_hands::keys() {
-        assert!(
-            docs.contains(&format!("`{}`", info.key)),
-            "docs/hands.md does not describe `{}`",
-            info.key
-        );
+        assert!(docs.contains(&format!("`{}`", info.key)), "docs/hands.md does not describe `{}`", info.key);
     }
 }

@@ -27,27 +27,13 @@ pub struct PostureRecord {
 
 /// (a record) => its values, in the order of `RECORD_COLUMNS` and then the joints
 pub(super) fn to_values(record: &PostureRecord) -> Result<Vec<Value>, SynergyError> {
-    let PostureRecord {
-        posture,
-        object,
-        episode,
-        lambda,
-        seed,
-        goal,
-        step,
-    } = record;
-    for (name, value) in [
-        ("lambda", lambda),
-        ("goal_x", &goal[0]),
-        ("goal_y", &goal[1]),
-        ("goal_z", &goal[2]),
-    ] {
+    let PostureRecord { posture, object, episode, lambda, seed, goal, step } = record;
+    for (name, value) in [("lambda", lambda), ("goal_x", &goal[0]), ("goal_y", &goal[1]), ("goal_z", &goal[2])] {
         if !value.is_finite() {
             return Err(SynergyError::invalid(name, "a finite number", value));
         }
     }
-    let episode = i64::try_from(*episode)
-        .map_err(|_| SynergyError::invalid("episode", "at most 2^63 - 1", episode))?;
+    let episode = i64::try_from(*episode).map_err(|_| SynergyError::invalid("episode", "at most 2^63 - 1", episode))?;
     let mut values = vec![
         Value::Integer(episode),
         Value::Text(object.clone()),
@@ -68,8 +54,6 @@ pub(super) fn from_row(row: &Row<'_>, n_joints: usize) -> rusqlite::Result<Postu
         seed: row.get::<_, i64>(3)?.cast_unsigned(),
         step: row.get(4)?,
         goal: [row.get(5)?, row.get(6)?, row.get(7)?],
-        posture: (first..first + n_joints)
-            .map(|i| row.get(i))
-            .collect::<Result<_, _>>()?,
+        posture: (first..first + n_joints).map(|i| row.get(i)).collect::<Result<_, _>>()?,
     })
 }

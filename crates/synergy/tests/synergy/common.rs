@@ -4,32 +4,12 @@ use eigenhand_synergy::{ActuationMap, JointInfo, Synergy, SynergyFile, Unit};
 
 /// `n` joints with wide limits and names that no format likes.
 pub fn joints(n: usize) -> Vec<JointInfo> {
-    let odd = [
-        "FFJ3",
-        "ffj3",
-        "it's \"quoted\"",
-        "指/0",
-        "a.b[c]\\d",
-        "object",
-        "rowid",
-        "new\nline",
-        "3f9c#2",
-    ];
+    let odd = ["FFJ3", "ffj3", "it's \"quoted\"", "指/0", "a.b[c]\\d", "object", "rowid", "new\nline", "3f9c#2"];
     (0..n)
         .map(|i| JointInfo {
-            name: odd
-                .get(i)
-                .map_or_else(|| format!("joint {i}"), |name| (*name).to_owned()),
-            unit: if i % 4 == 3 {
-                Unit::Metre
-            } else {
-                Unit::Radian
-            },
-            lower: if i % 5 == 4 {
-                f64::NEG_INFINITY
-            } else {
-                -2.0 - i as f64 / 3.0
-            },
+            name: odd.get(i).map_or_else(|| format!("joint {i}"), |name| (*name).to_owned()),
+            unit: if i % 4 == 3 { Unit::Metre } else { Unit::Radian },
+            lower: if i % 5 == 4 { f64::NEG_INFINITY } else { -2.0 - i as f64 / 3.0 },
             upper: 2.5 + i as f64 / 7.0,
         })
         .collect()
@@ -40,9 +20,7 @@ pub fn postures(n_postures: usize, n_joints: usize) -> Vec<Vec<f64>> {
     let mut state = 1_u64;
     let mut next = || {
         // Constants of Knuth's MMIX generator.
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
     };
     (0..n_postures)
@@ -51,10 +29,7 @@ pub fn postures(n_postures: usize, n_joints: usize) -> Vec<Vec<f64>> {
             (0..n_joints)
                 .map(|j| {
                     let angle = j as f64;
-                    0.3 * angle.cos()
-                        + common[0] * angle.sin()
-                        + common[1] * (2.0 * angle).cos()
-                        + 0.2 * next()
+                    0.3 * angle.cos() + common[0] * angle.sin() + common[1] * (2.0 * angle).cos() + 0.2 * next()
                 })
                 .collect()
         })

@@ -34,17 +34,11 @@ fn records_come_back_in_order() {
     database.insert_all(&records[..4]).unwrap();
     database.insert_all(&records[4..]).unwrap();
     drop(database);
-    for database in [
-        PostureDatabase::open(&path, &joints).unwrap(),
-        PostureDatabase::open_existing(&path).unwrap(),
-    ] {
+    for database in [PostureDatabase::open(&path, &joints).unwrap(), PostureDatabase::open_existing(&path).unwrap()] {
         assert_eq!(database.len().unwrap(), 10);
         assert_eq!(database.joints(), joints);
         assert_eq!(database.load().unwrap(), records);
-        let postures: Vec<Vec<f64>> = records
-            .iter()
-            .map(|record| record.posture.clone())
-            .collect();
+        let postures: Vec<Vec<f64>> = records.iter().map(|record| record.posture.clone()).collect();
         assert_eq!(database.postures().unwrap(), postures);
     }
 }
@@ -54,29 +48,16 @@ fn other_programs_find_a_column_for_each_joint() {
     let dir = TempDir::new().unwrap();
     let path = dir.path().join("postures.sqlite");
     let records = records(3, 5);
-    PostureDatabase::open(&path, &joints(5))
-        .unwrap()
-        .insert_all(&records)
-        .unwrap();
+    PostureDatabase::open(&path, &joints(5)).unwrap().insert_all(&records).unwrap();
     let plain = rusqlite::Connection::open(&path).unwrap();
-    for (i, column) in [
-        "\"FFJ3\"",
-        "\"ffj3#2\"",
-        "\"it's \"\"quoted\"\"\"",
-        "\"指/0\"",
-        "\"a.b[c]\\d\"",
-    ]
-    .into_iter()
-    .enumerate()
+    for (i, column) in
+        ["\"FFJ3\"", "\"ffj3#2\"", "\"it's \"\"quoted\"\"\"", "\"指/0\"", "\"a.b[c]\\d\""].into_iter().enumerate()
     {
-        let sql =
-            format!("SELECT posture.{column} FROM posture WHERE step = 1 AND object LIKE 'it''s%'");
+        let sql = format!("SELECT posture.{column} FROM posture WHERE step = 1 AND object LIKE 'it''s%'");
         let value: f64 = plain.query_row(&sql, [], |row| row.get(0)).unwrap();
         assert_eq!(value, records[1].posture[i], "{column}");
     }
-    let mode: String = plain
-        .query_row("PRAGMA journal_mode", [], |row| row.get(0))
-        .unwrap();
+    let mode: String = plain.query_row("PRAGMA journal_mode", [], |row| row.get(0)).unwrap();
     assert_eq!(mode, "wal");
 }
 
@@ -88,11 +69,7 @@ fn truncation_deletes_later_episodes_only() {
     database.insert_all(&records).unwrap();
     assert_eq!(database.truncate_from_episode(u64::MAX).unwrap(), 0);
     assert_eq!(database.truncate_from_episode(6).unwrap(), 4);
-    let mut kept: Vec<PostureRecord> = records
-        .iter()
-        .filter(|record| record.episode < 6)
-        .cloned()
-        .collect();
+    let mut kept: Vec<PostureRecord> = records.iter().filter(|record| record.episode < 6).cloned().collect();
     assert_eq!(database.load().unwrap(), kept);
     database.insert_all(&records[9..]).unwrap();
     kept.push(records[9].clone());
@@ -130,21 +107,13 @@ fn other_joints_are_refused() {
     let mut metres = joints(3);
     metres[0].unit = Unit::Metre;
     for other in [renamed, swapped, metres, joints(2), joints(4)] {
-        let message = PostureDatabase::open(&path, &other)
-            .unwrap_err()
-            .to_string();
-        assert!(
-            message.contains("expected") && message.contains("got 3 joints: \"FFJ3\" [rad]"),
-            "{message}"
-        );
+        let message = PostureDatabase::open(&path, &other).unwrap_err().to_string();
+        assert!(message.contains("expected") && message.contains("got 3 joints: \"FFJ3\" [rad]"), "{message}");
         assert!(message.contains(path.to_str().unwrap()), "{message}");
     }
     let mut wider = joints(3);
     wider[0].upper += 1.0;
-    assert_eq!(
-        PostureDatabase::open(&path, &wider).unwrap().joints(),
-        joints(3)
-    );
+    assert_eq!(PostureDatabase::open(&path, &wider).unwrap().joints(), joints(3));
 }
 
 fn source(error: &SynergyError) -> &SynergyError {
@@ -164,33 +133,21 @@ fn other_files_are_refused_and_left_alone() {
 
     fs::write(&path, "").unwrap();
     let empty = PostureDatabase::open_existing(&path).unwrap_err();
-    assert!(
-        matches!(source(&empty), SynergyError::NotADatabase { .. }),
-        "{empty}"
-    );
+    assert!(matches!(source(&empty), SynergyError::NotADatabase { .. }), "{empty}");
 
     let text = "episode,object\n".repeat(500);
     fs::write(&path, &text).unwrap();
-    for error in [
-        PostureDatabase::open(&path, &joints(3)).unwrap_err(),
-        PostureDatabase::open_existing(&path).unwrap_err(),
-    ] {
-        assert!(
-            matches!(source(&error), SynergyError::NotADatabase { .. }),
-            "{error}"
-        );
-        assert!(
-            error.to_string().contains(path.to_str().unwrap()),
-            "{error}"
-        );
+    for error in
+        [PostureDatabase::open(&path, &joints(3)).unwrap_err(), PostureDatabase::open_existing(&path).unwrap_err()]
+    {
+        assert!(matches!(source(&error), SynergyError::NotADatabase { .. }), "{error}");
+        assert!(error.to_string().contains(path.to_str().unwrap()), "{error}");
     }
     assert_eq!(fs::read_to_string(&path).unwrap(), text);
 
     fs::remove_file(&path).unwrap();
     let foreign = rusqlite::Connection::open(&path).unwrap();
-    foreign
-        .execute_batch("CREATE TABLE bookmarks (url TEXT)")
-        .unwrap();
+    foreign.execute_batch("CREATE TABLE bookmarks (url TEXT)").unwrap();
     drop(foreign);
     let before = fs::read(&path).unwrap();
     let error = PostureDatabase::open(&path, &joints(3)).unwrap_err();
@@ -203,35 +160,23 @@ fn another_schema_is_refused() {
     let dir = TempDir::new().unwrap();
     let path = dir.path().join("p");
     PostureDatabase::open(&path, &joints(3)).unwrap();
-    rusqlite::Connection::open(&path)
-        .unwrap()
-        .pragma_update(None, "user_version", 9)
-        .unwrap();
+    rusqlite::Connection::open(&path).unwrap().pragma_update(None, "user_version", 9).unwrap();
     let error = PostureDatabase::open(&path, &joints(3)).unwrap_err();
-    assert!(
-        matches!(source(&error), SynergyError::Schema { got: 9, .. }),
-        "{error}"
-    );
+    assert!(matches!(source(&error), SynergyError::Schema { got: 9, .. }), "{error}");
 }
 
 #[test]
 fn a_damaged_file_is_refused() {
     let dir = TempDir::new().unwrap();
     let path = dir.path().join("p");
-    PostureDatabase::open(&path, &joints(20))
-        .unwrap()
-        .insert_all(&records(2000, 20))
-        .unwrap();
+    PostureDatabase::open(&path, &joints(20)).unwrap().insert_all(&records(2000, 20)).unwrap();
     let whole = fs::read(&path).unwrap();
     let mut garbled = whole.clone();
     garbled[8192..whole.len() / 2].fill(0x5a);
     for bytes in [&whole[..whole.len() / 3], &garbled] {
         fs::write(&path, bytes).unwrap();
         let error = PostureDatabase::open_existing(&path).unwrap_err();
-        assert!(
-            matches!(source(&error), SynergyError::Damaged { .. }),
-            "{error}"
-        );
+        assert!(matches!(source(&error), SynergyError::Damaged { .. }), "{error}");
     }
 }
 

@@ -9,24 +9,16 @@ use eigenhand_synergy::{RunningCovariance, Synergy, SynergyFile, export, import}
 use proptest::prelude::*;
 use tempfile::TempDir;
 
-const FILES: [&str; 6] = [
-    "components.npy",
-    "contribution.npy",
-    "explained_variance.npy",
-    "mean.npy",
-    "postures.npy",
-    "synergy.toml",
-];
+const FILES: [&str; 6] =
+    ["components.npy", "contribution.npy", "explained_variance.npy", "mean.npy", "postures.npy", "synergy.toml"];
 
 fn bits(values: &[f64]) -> Vec<u64> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
 fn entries(dir: &Path) -> Vec<String> {
-    let mut names: Vec<String> = fs::read_dir(dir)
-        .unwrap()
-        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-        .collect();
+    let mut names: Vec<String> =
+        fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     names
 }
@@ -92,14 +84,9 @@ fn an_earlier_export_is_replaced_and_anything_else_is_not() {
     assert_eq!(entries(parent.path()), ["synergy"]);
 
     fs::write(dir.join("thesis.tex"), "years of work").unwrap();
-    let message = export(&dir, &first, &postures_first)
-        .unwrap_err()
-        .to_string();
+    let message = export(&dir, &first, &postures_first).unwrap_err().to_string();
     assert!(message.contains("thesis.tex"), "{message}");
-    assert_eq!(
-        fs::read_to_string(dir.join("thesis.tex")).unwrap(),
-        "years of work"
-    );
+    assert_eq!(fs::read_to_string(dir.join("thesis.tex")).unwrap(), "years of work");
     assert_eq!(import(&dir).unwrap().file, second);
     assert_eq!(entries(parent.path()), ["synergy"]);
 
@@ -115,10 +102,7 @@ fn what_cannot_be_exported_leaves_no_trace() {
     let dir = parent.path().join("synergy");
     let (file, mut rows) = file(10, 3, 2);
     let message = export(&dir, &file, &rows[..9]).unwrap_err().to_string();
-    assert!(
-        message.contains("expected 10") && message.contains("got 9"),
-        "{message}"
-    );
+    assert!(message.contains("expected 10") && message.contains("got 9"), "{message}");
     rows[3][0] = f64::NAN;
     export(&dir, &file, &rows).unwrap_err();
 
@@ -128,9 +112,7 @@ fn what_cannot_be_exported_leaves_no_trace() {
     }
     let mut rangeless = file.clone();
     rangeless.synergy = Synergy::from_covariance(&joints(3), &running, 2).unwrap();
-    let message = export(&dir, &rangeless, &postures(10, 3))
-        .unwrap_err()
-        .to_string();
+    let message = export(&dir, &rangeless, &postures(10, 3)).unwrap_err().to_string();
     assert!(message.contains("coefficient_min"), "{message}");
 
     let mut wrong = file.clone();
@@ -190,89 +172,32 @@ fn malformed_files_are_refused_by_name() {
         ("schema = 1", "", &["schema"]),
         ("schema = 1", "schema = = 1", &["TOML"]),
         ("mean = [1.0, 0.0]", "", &["mean"]),
-        (
-            "mean = [1.0, 0.0]",
-            "mean = [1.0]",
-            &["length of mean", "expected 2", "got 1"],
-        ),
-        (
-            "mean = [1.0, 0.0]",
-            "mean = [1.0, nan]",
-            &["mean[1]", "finite", "NaN"],
-        ),
-        (
-            "mean = [1.0, 0.0]",
-            "mean = [1.0, \"x\"]",
-            &["string \"x\""],
-        ),
-        (
-            "    [0.0, 1.0],\n",
-            "    [0.0],\n",
-            &["length of components[1]"],
-        ),
-        (
-            "    [0.0, 1.0],\n",
-            "    [0.0, 1.1],\n",
-            &["components[1] . components[1]", "orthonormal"],
-        ),
-        (
-            "    [0.0, 1.0],\n",
-            "    [0.1, 0.99498743710662],\n",
-            &["components[1] . components[0]"],
-        ),
-        (
-            "    [1.0, 0.0],\n    [0.0, 1.0],\n",
-            "",
-            &["components", "1 to 2 rows"],
-        ),
-        (
-            "eigenvalues = [1.0, 0.0]",
-            "eigenvalues = [1.0, -0.5]",
-            &["eigenvalues[1]", "0 or more"],
-        ),
-        (
-            "eigenvalues = [1.0, 0.0]",
-            "eigenvalues = [0.0, 1.0]",
-            &["eigenvalues[1]", "the one before it"],
-        ),
-        (
-            "explained_variance = [1.0, 0.0]",
-            "explained_variance = [0.5, 0.0]",
-            &["explained_variance[0]"],
-        ),
-        (
-            "contribution = [1.0, 0.0]",
-            "contribution = [0.9, 0.0]",
-            &["contribution[0]", "expected 1"],
-        ),
-        (
-            "total_variance = 1.0",
-            "total_variance = 2.0",
-            &["total_variance[0]"],
-        ),
-        (
-            "coefficient_min = [-1.0, 0.0]",
-            "coefficient_min = [3.0, 0.0]",
-            &["coefficient_min[0]", "at most"],
-        ),
+        ("mean = [1.0, 0.0]", "mean = [1.0]", &["length of mean", "expected 2", "got 1"]),
+        ("mean = [1.0, 0.0]", "mean = [1.0, nan]", &["mean[1]", "finite", "NaN"]),
+        ("mean = [1.0, 0.0]", "mean = [1.0, \"x\"]", &["string \"x\""]),
+        ("    [0.0, 1.0],\n", "    [0.0],\n", &["length of components[1]"]),
+        ("    [0.0, 1.0],\n", "    [0.0, 1.1],\n", &["components[1] . components[1]", "orthonormal"]),
+        ("    [0.0, 1.0],\n", "    [0.1, 0.99498743710662],\n", &["components[1] . components[0]"]),
+        ("    [1.0, 0.0],\n    [0.0, 1.0],\n", "", &["components", "1 to 2 rows"]),
+        ("eigenvalues = [1.0, 0.0]", "eigenvalues = [1.0, -0.5]", &["eigenvalues[1]", "0 or more"]),
+        ("eigenvalues = [1.0, 0.0]", "eigenvalues = [0.0, 1.0]", &["eigenvalues[1]", "the one before it"]),
+        ("explained_variance = [1.0, 0.0]", "explained_variance = [0.5, 0.0]", &["explained_variance[0]"]),
+        ("contribution = [1.0, 0.0]", "contribution = [0.9, 0.0]", &["contribution[0]", "expected 1"]),
+        ("total_variance = 1.0", "total_variance = 2.0", &["total_variance[0]"]),
+        ("coefficient_min = [-1.0, 0.0]", "coefficient_min = [3.0, 0.0]", &["coefficient_min[0]", "at most"]),
         ("unit = \"rad\"", "unit = \"deg\"", &["deg", "rad"]),
         ("name = \"ffj3\"", "name = \"FFJ3\"", &["FFJ3", "twice"]),
         ("n_postures = 3", "n_postures = -3", &["n_postures"]),
     ] {
         assert!(good.contains(from), "{from}");
-        let message = SynergyFile::from_toml(&good.replacen(from, to, 1))
-            .unwrap_err()
-            .to_string();
+        let message = SynergyFile::from_toml(&good.replacen(from, to, 1)).unwrap_err().to_string();
         for part in parts {
             assert!(message.contains(part), "{from} -> {to}: {message}");
         }
     }
     // Whole numbers written by hand are numbers.
     let whole = good.replace("mean = [1.0, 0.0]", "mean = [1, 0]");
-    assert_eq!(
-        SynergyFile::from_toml(&whole).unwrap().synergy.mean(),
-        [1.0, 0.0]
-    );
+    assert_eq!(SynergyFile::from_toml(&whole).unwrap().synergy.mean(), [1.0, 0.0]);
 }
 
 #[test]
@@ -302,10 +227,7 @@ fn damaged_directories_are_refused_by_file() {
     assert!(message.contains("mean.npy, number 2"), "{message}");
     fs::copy(dir.join("components.npy"), dir.join("mean.npy")).unwrap();
     let message = import(&dir).unwrap_err().to_string();
-    assert!(
-        message.contains("shape of mean.npy") && message.contains("[2, 3]"),
-        "{message}"
-    );
+    assert!(message.contains("shape of mean.npy") && message.contains("[2, 3]"), "{message}");
 }
 
 /// Checks in NumPy: shapes, types, and the definition of the error, from the files alone.
@@ -328,29 +250,15 @@ fn numpy_reads_the_arrays() {
     let python = std::env::var("EIGENHAND_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let probe = Command::new(&python).args(["-c", "import numpy"]).output();
     if !probe.is_ok_and(|output| output.status.success()) {
-        println!(
-            "skipped: {python} cannot import numpy (EIGENHAND_PYTHON names another interpreter)"
-        );
+        println!("skipped: {python} cannot import numpy (EIGENHAND_PYTHON names another interpreter)");
         return;
     }
     let parent = TempDir::new().unwrap();
     let dir = parent.path().join("synergy");
     let (file, postures) = file(120, 25, 5);
     export(&dir, &file, &postures).unwrap();
-    let output = Command::new(&python)
-        .args(["-c", SCRIPT])
-        .arg(&dir)
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
-    let mean_error: f64 = String::from_utf8(output.stdout)
-        .unwrap()
-        .trim()
-        .parse()
-        .unwrap();
+    let output = Command::new(&python).args(["-c", SCRIPT]).arg(&dir).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mean_error: f64 = String::from_utf8(output.stdout).unwrap().trim().parse().unwrap();
     assert!((mean_error - file.synergy.mean_error(&postures)).abs() < 1e-12);
 }

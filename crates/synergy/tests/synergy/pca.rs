@@ -1,9 +1,7 @@
 //! The analysis against NumPy's numbers and against its own definition.
 
 use crate::common::{joints, postures};
-use eigenhand_synergy::{
-    JointInfo, RunningCovariance, Synergy, SynergyError, Unit, cumulative_explained_variance,
-};
+use eigenhand_synergy::{JointInfo, RunningCovariance, Synergy, SynergyError, Unit, cumulative_explained_variance};
 use proptest::prelude::*;
 
 #[derive(serde::Deserialize)]
@@ -28,10 +26,7 @@ fn fixture() -> Fixture {
 fn assert_close(got: &[f64], expected: &[f64], tolerance: f64) {
     assert_eq!(got.len(), expected.len());
     for (i, (got, expected)) in got.iter().zip(expected).enumerate() {
-        assert!(
-            (got - expected).abs() <= tolerance,
-            "number {i}: {got}, expected {expected}"
-        );
+        assert!((got - expected).abs() <= tolerance, "number {i}: {got}, expected {expected}");
     }
 }
 
@@ -43,36 +38,21 @@ fn agrees_with_numpy() {
     for posture in &numpy.postures {
         running.push(posture).unwrap();
     }
-    assert_close(
-        &running.covariance().unwrap(),
-        &numpy.covariance.concat(),
-        1e-14,
-    );
+    assert_close(&running.covariance().unwrap(), &numpy.covariance.concat(), 1e-14);
     let fitted = Synergy::fit(&joints, &numpy.postures, numpy.k).unwrap();
     let mut streamed = Synergy::from_covariance(&joints, &running, numpy.k).unwrap();
     assert!(streamed.coefficient_min().is_empty());
     streamed.set_coefficient_range(&numpy.postures).unwrap();
     for synergy in [fitted, streamed] {
-        assert_eq!(
-            (synergy.n_components(), synergy.n_postures()),
-            (numpy.k, numpy.postures.len())
-        );
+        assert_eq!((synergy.n_components(), synergy.n_postures()), (numpy.k, numpy.postures.len()));
         assert_close(synergy.mean(), &numpy.mean, 1e-14);
         assert_close(synergy.eigenvalues(), &numpy.eigenvalues, 1e-13);
-        assert_close(
-            synergy.explained_variance(),
-            &numpy.eigenvalues[..numpy.k],
-            1e-13,
-        );
+        assert_close(synergy.explained_variance(), &numpy.eigenvalues[..numpy.k], 1e-13);
         assert_close(synergy.components(), &numpy.components.concat(), 1e-11);
         assert_close(synergy.contribution(), &numpy.contribution, 1e-13);
         assert_close(synergy.coefficient_min(), &numpy.coefficient_min, 1e-11);
         assert_close(synergy.coefficient_max(), &numpy.coefficient_max, 1e-11);
-        let errors: Vec<f64> = numpy
-            .postures
-            .iter()
-            .map(|posture| synergy.error(posture))
-            .collect();
+        let errors: Vec<f64> = numpy.postures.iter().map(|posture| synergy.error(posture)).collect();
         assert_close(&errors, &numpy.errors, 1e-11);
         let mean_error = numpy.errors.iter().sum::<f64>() / numpy.errors.len() as f64;
         assert_close(&[synergy.mean_error(&numpy.postures)], &[mean_error], 1e-12);
@@ -90,10 +70,7 @@ fn all_components_reconstruct_and_fewer_lose_the_rest() {
         // Mean squared error of the postures = sum of the variances left out (sample convention).
         let left_out: f64 = part.eigenvalues()[k..].iter().sum();
         let squared: f64 = postures.iter().map(|q| part.error(q).powi(2)).sum::<f64>() / 49.0;
-        assert!(
-            (squared - left_out).abs() < 1e-13,
-            "{k}: {squared} {left_out}"
-        );
+        assert!((squared - left_out).abs() < 1e-13, "{k}: {squared} {left_out}");
         let shares = cumulative_explained_variance(&part, &postures).unwrap();
         assert!((shares[k - 1] - part.contribution_sum()).abs() < 1e-13);
     }
@@ -102,36 +79,19 @@ fn all_components_reconstruct_and_fewer_lose_the_rest() {
 #[test]
 fn the_sign_rule_holds_under_a_mirror_and_a_tie() {
     let postures = postures(80, 7);
-    let mirrored: Vec<Vec<f64>> = postures
-        .iter()
-        .map(|q| q.iter().map(|x| -x).collect())
-        .collect();
-    let (a, b) = (
-        Synergy::fit(&joints(7), &postures, 7),
-        Synergy::fit(&joints(7), &mirrored, 7),
-    );
+    let mirrored: Vec<Vec<f64>> = postures.iter().map(|q| q.iter().map(|x| -x).collect()).collect();
+    let (a, b) = (Synergy::fit(&joints(7), &postures, 7), Synergy::fit(&joints(7), &mirrored, 7));
     let (a, b) = (a.unwrap(), b.unwrap());
     assert_close(b.components(), a.components(), 1e-12);
     for i in 0..7 {
-        let largest =
-            a.component(i).iter().fold(
-                0.0_f64,
-                |best, x| if x.abs() > best.abs() { *x } else { best },
-            );
+        let largest = a.component(i).iter().fold(0.0_f64, |best, x| if x.abs() > best.abs() { *x } else { best });
         assert!(largest > 0.0);
     }
     // Two joints in opposition are tied but for rounding: the lower index decides.
     for scale in [1.0, 0.1, 1.0 / 3.0] {
-        let opposed: Vec<Vec<f64>> = (0..9)
-            .map(|i| f64::from(i) * scale)
-            .map(|x| vec![x, 1.0 - x])
-            .collect();
+        let opposed: Vec<Vec<f64>> = (0..9).map(|i| f64::from(i) * scale).map(|x| vec![x, 1.0 - x]).collect();
         let synergy = Synergy::fit(&joints(2), &opposed, 1).unwrap();
-        assert_close(
-            synergy.component(0),
-            &[0.5_f64.sqrt(), -(0.5_f64.sqrt())],
-            1e-12,
-        );
+        assert_close(synergy.component(0), &[0.5_f64.sqrt(), -(0.5_f64.sqrt())], 1e-12);
     }
 }
 
@@ -143,10 +103,7 @@ fn too_many_components_are_clamped_and_low_rank_is_completed() {
     assert!((synergy.contribution()[0] - 1.0).abs() < 1e-14 && synergy.contribution()[1] < 1e-14);
     assert_orthonormal(&synergy);
     let still = Synergy::fit(&joints(3), &[[0.5, 0.1, 0.2]; 4], 2).unwrap();
-    assert_eq!(
-        (still.contribution(), still.total_variance()),
-        (&[0.0, 0.0][..], 0.0)
-    );
+    assert_eq!((still.contribution(), still.total_variance()), (&[0.0, 0.0][..], 0.0));
     assert_orthonormal(&still);
 }
 
@@ -155,43 +112,17 @@ fn bad_input_is_refused() {
     let (joints, good) = (joints(3), postures(10, 3));
     let fit = |postures: &[Vec<f64>], k| Synergy::fit(&joints, postures, k).unwrap_err();
     assert!(matches!(fit(&good, 0), SynergyError::NoComponents));
-    assert!(matches!(
-        fit(&good[..1], 2),
-        SynergyError::TooFewPostures {
-            expected: 2,
-            got: 1
-        }
-    ));
+    assert!(matches!(fit(&good[..1], 2), SynergyError::TooFewPostures { expected: 2, got: 1 }));
     let mut bad = good.clone();
     bad[4][1] = f64::NAN;
-    assert!(matches!(
-        fit(&bad, 2),
-        SynergyError::NonFinitePosture {
-            row: 4,
-            column: 1,
-            ..
-        }
-    ));
+    assert!(matches!(fit(&bad, 2), SynergyError::NonFinitePosture { row: 4, column: 1, .. }));
     bad[4] = vec![1.0];
-    assert!(matches!(
-        fit(&bad, 2),
-        SynergyError::PostureLength {
-            row: 4,
-            expected: 3,
-            got: 1
-        }
-    ));
+    assert!(matches!(fit(&bad, 2), SynergyError::PostureLength { row: 4, expected: 3, got: 1 }));
     bad[4] = vec![f64::MAX, -f64::MAX, 0.0];
     assert!(matches!(fit(&bad, 2), SynergyError::Decomposition { .. }));
-    assert!(matches!(
-        Synergy::fit(&[], &[vec![], vec![]], 1),
-        Err(SynergyError::Joints { .. })
-    ));
+    assert!(matches!(Synergy::fit(&[], &[vec![], vec![]], 1), Err(SynergyError::Joints { .. })));
     let other = RunningCovariance::new(2);
-    assert!(matches!(
-        Synergy::from_covariance(&joints, &other, 1),
-        Err(SynergyError::PostureLength { .. })
-    ));
+    assert!(matches!(Synergy::from_covariance(&joints, &other, 1), Err(SynergyError::PostureLength { .. })));
 }
 
 #[test]
@@ -199,48 +130,25 @@ fn decode_clamps_to_the_limits() {
     let limits = [(0.0, 1.0), (f64::NEG_INFINITY, f64::INFINITY)];
     let joints: Vec<JointInfo> = limits
         .iter()
-        .map(|&(lower, upper)| JointInfo {
-            name: format!("{upper}"),
-            unit: Unit::Radian,
-            lower,
-            upper,
-        })
+        .map(|&(lower, upper)| JointInfo { name: format!("{upper}"), unit: Unit::Radian, lower, upper })
         .collect();
     let synergy = Synergy::fit(&joints, &[[0.0, 0.0], [1.0, 1.0]], 1).unwrap();
-    assert_close(
-        &synergy.decode(&[50.0]),
-        &[1.0, 0.5 + 50.0 * 0.5_f64.sqrt()],
-        1e-12,
-    );
-    assert_close(
-        &synergy.decode(&[-50.0]),
-        &[0.0, 0.5 - 50.0 * 0.5_f64.sqrt()],
-        1e-12,
-    );
+    assert_close(&synergy.decode(&[50.0]), &[1.0, 0.5 + 50.0 * 0.5_f64.sqrt()], 1e-12);
+    assert_close(&synergy.decode(&[-50.0]), &[0.0, 0.5 - 50.0 * 0.5_f64.sqrt()], 1e-12);
     assert!(synergy.decode_unclamped(&[50.0])[0] > 30.0);
 }
 
 #[test]
 #[should_panic(expected = "one number for each joint")]
 fn a_short_posture_panics() {
-    Synergy::fit(&joints(3), &postures(10, 3), 2)
-        .unwrap()
-        .error_f32(&[0.0, 0.0]);
+    Synergy::fit(&joints(3), &postures(10, 3), 2).unwrap().error_f32(&[0.0, 0.0]);
 }
 
 fn assert_orthonormal(synergy: &Synergy) {
     for i in 0..synergy.n_components() {
         for j in 0..=i {
-            let product: f64 = synergy
-                .component(i)
-                .iter()
-                .zip(synergy.component(j))
-                .map(|(a, b)| a * b)
-                .sum();
-            assert!(
-                (product - f64::from(u8::from(i == j))).abs() < 1e-12,
-                "{i} {j}: {product}"
-            );
+            let product: f64 = synergy.component(i).iter().zip(synergy.component(j)).map(|(a, b)| a * b).sum();
+            assert!((product - f64::from(u8::from(i == j))).abs() < 1e-12, "{i} {j}: {product}");
         }
     }
 }
@@ -249,11 +157,7 @@ fn assert_orthonormal(synergy: &Synergy) {
 fn space() -> impl Strategy<Value = (Synergy, Vec<f64>, Vec<f64>)> {
     (1usize..40, 1usize..20, 2usize..60).prop_flat_map(|(n, k, n_postures)| {
         let rows = prop::collection::vec(prop::collection::vec(-1.5..1.5f64, n), n_postures);
-        (
-            rows,
-            prop::collection::vec(-2.0..2.0f64, n),
-            prop::collection::vec(-1.0..1.0f64, k.min(n)),
-        )
+        (rows, prop::collection::vec(-2.0..2.0f64, n), prop::collection::vec(-1.0..1.0f64, k.min(n)))
             .prop_map(move |(rows, q, z)| (Synergy::fit(&joints(n), &rows, k).unwrap(), q, z))
     })
 }

@@ -1,0 +1,220 @@
+//! The grasp task as an environment: reset, observe, step.
+
+use std::sync::Arc;
+
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use rand::{Rng, RngExt};
+
+use crate::SimError;
+use crate::ffi::{Data, WarningCounts};
+use crate::reward::StepFacts;
+use crate::task::{Addresses, GraspTask, Orientation};
+
+/// Height in m from which an object is dropped, so that it does not start inside the plane.
+const DROP: f64 = 0.001;
+
+/// What distinguishes one episode from another, besides its random numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EpisodeSetup {
+    /// Index into [`GraspTask::scenes`].
+    pub scene: usize,
+    /// Lowest and highest goal above the resting object, in m.
+    pub goal_height: [f64; 2],
+}
+
+/// One simulation of every scene of a task, and the episode that is running in one of them.
+pub struct GraspEnv {
+    task: Arc<GraspTask>,
+    simulations: Vec<Data>,
+    current: usize,
+    step: usize,
+    desired_goal: [f32; GraspTask::GOAL_LEN],
+    facts: StepFacts,
+}
+
+impl GraspEnv {
+    /// Allocates the simulations.
+    ///
+    /// # Errors
+    /// [`SimError::OutOfMemory`].
+    pub fn new(task: &Arc<GraspTask>) -> Result<GraspEnv, SimError> {
+        let simulations = task.scenes.iter().map(|scene| scene.data()).collect::<Result<_, _>>()?;
+        Ok(GraspEnv {
+            task: Arc::clone(task),
+            simulations,
+            current: 0,
+            step: 0,
+            desired_goal: [0.0; GraspTask::GOAL_LEN],
+            facts: StepFacts::default(),
+        })
+    }
+
+    /// Returns the task.
+    pub fn task(&self) -> &Arc<GraspTask> {
+        &self.task
+    }
+
+    /// Returns the simulation of the running episode.
+    pub fn simulation(&self) -> &Data {
+        &self.simulations[self.current]
+    }
+
+    /// Starts an episode: an object in a random pose comes to rest on the plane while the hand is up,
+    /// is put back to its drawn place, and the open hand stands at the slide's start.
+    ///
+    /// # Errors
+    /// [`SimError::Diverged`] when the simulation does not survive the drop.
+    pub fn reset<R: Rng + ?Sized>(&mut self, setup: EpisodeSetup, rng: &mut R) -> Result<(), SimError> {
+        let task = Arc::clone(&self.task);
+        let scene = &task.scenes[setup.scene];
+        self.current = setup.scene;
+        self.step = 0;
+        let data = &mut self.simulations[setup.scene];
+        let at = &scene.addresses;
+
+        let range = task.config.object_range;
+        let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
+        let orientation = draw_orientation(task.config.orientation, rng);
+        data.reset();
+        data.qpos_mut().copy_from_slice(&at.start_qpos);
+        data.qpos_mut()[at.slide_qpos] = task.slide_top;
+        data.ctrl_mut().copy_from_slice(&task.start_ctrl);
+        data.ctrl_mut()[at.slide_ctrl] = task.slide_top;
+        let height = scene.object.shape.depth_below_centre(&orientation) + DROP;
+        let q = orientation.quaternion();
+        data.qpos_mut()[at.object_qpos..at.object_qpos + 7]
+            .copy_from_slice(&[place[0], place[1], height, q.w, q.i, q.j, q.k]);
+        let settling = (task.config.settle_time / task.physics.timestep).round() as usize;
+        for _ in 0..settling {
+            data.step();
+        }
+        if data.warnings().bad_state > 0 {
+            return Err(SimError::Diverged { step: 0 });
+        }
+
+        let rest: Vec<f64> = data.qpos()[at.object_qpos..at.object_qpos + 7].to_vec();
+        data.reset();
+        data.qpos_mut().copy_from_slice(&at.start_qpos);
+        data.ctrl_mut().copy_from_slice(&task.start_ctrl);
+        let object = &mut data.qpos_mut()[at.object_qpos..at.object_qpos + 7];
+        object.copy_from_slice(&rest);
+        object[..2].copy_from_slice(&place);
+        data.forward();
+
+        let [low, high] = setup.goal_height;
+        let lift = if high > low { rng.random_range(low..=high) } else { low };
+        self.desired_goal = [place[0] as f32, place[1] as f32, (rest[2] + lift) as f32];
+        self.facts = read_facts(&self.simulations[setup.scene], at);
+        Ok(())
+    }
+
+    /// Applies an action for one control period.
+    ///
+    /// # Errors
+    /// [`SimError::Diverged`]; the episode is then worthless and [`reset`](Self::reset) starts another.
+    pub fn step(&mut self, action: &[f32]) -> Result<StepFacts, SimError> {
+        let data = &mut self.simulations[self.current];
+        self.task.scale_action(action, data.ctrl_mut());
+        for _ in 0..self.task.physics.substeps {
+            data.step();
+        }
+        self.step += 1;
+        if data.warnings().bad_state > 0 || data.qpos().iter().any(|q| !q.is_finite()) {
+            return Err(SimError::Diverged { step: self.step });
+        }
+        self.facts = read_facts(data, &self.task.scenes[self.current].addresses);
+        Ok(self.facts)
+    }
+
+    /// Writes the observation; its layout is [`GraspTask::observation_layout`].
+    pub fn observe(&self, observation: &mut [f32]) {
+        let scene = &self.task.scenes[self.current];
+        let at = &scene.addresses;
+        let data = &self.simulations[self.current];
+        let (qpos, qvel) = (data.qpos(), data.qvel());
+        let values = at
+            .posture_qpos
+            .iter()
+            .map(|&i| qpos[i])
+            .chain(at.posture_dof.iter().map(|&i| qvel[i]))
+            .chain(qpos[at.object_qpos..at.object_qpos + 7].iter().copied())
+            .chain(qvel[at.object_dof..at.object_dof + 6].iter().copied())
+            .chain(std::iter::once(scene.object.id as f64));
+        for (out, value) in observation.iter_mut().zip(values) {
+            *out = value as f32;
+        }
+    }
+
+    /// Returns the object's position in m.
+    pub fn achieved_goal(&self) -> [f32; GraspTask::GOAL_LEN] {
+        let object = self.task.scenes[self.current].addresses.object_qpos;
+        let qpos = self.simulation().qpos();
+        [qpos[object] as f32, qpos[object + 1] as f32, qpos[object + 2] as f32]
+    }
+
+    /// Returns the place in m where the object is wanted.
+    pub fn desired_goal(&self) -> [f32; GraspTask::GOAL_LEN] {
+        self.desired_goal
+    }
+
+    /// Returns the contacts at the end of the last step.
+    pub fn facts(&self) -> StepFacts {
+        self.facts
+    }
+
+    /// Writes the values of the posture's joints, in rad and m.
+    pub fn posture(&self, posture: &mut [f64]) {
+        let qpos = self.simulation().qpos();
+        let at = &self.task.scenes[self.current].addresses;
+        for (out, &i) in posture.iter_mut().zip(&at.posture_qpos) {
+            *out = qpos[i];
+        }
+    }
+
+    /// Returns the warnings that MuJoCo raised in this episode.
+    pub fn warnings(&self) -> WarningCounts {
+        self.simulation().warnings()
+    }
+}
+
+fn draw_orientation<R: Rng + ?Sized>(kind: Orientation, rng: &mut R) -> UnitQuaternion<f64> {
+    match kind {
+        Orientation::Yaw => UnitQuaternion::from_axis_angle(
+            &Vector3::z_axis(),
+            rng.random_range(-std::f64::consts::PI..std::f64::consts::PI),
+        ),
+        // Shoemake, "Uniform random rotations", Graphics Gems III (1992).
+        Orientation::Any => {
+            let (u, a, b) = (
+                rng.random_range(0.0..1.0f64),
+                rng.random_range(0.0..std::f64::consts::TAU),
+                rng.random_range(0.0..std::f64::consts::TAU),
+            );
+            let (first, second) = ((1.0 - u).sqrt(), u.sqrt());
+            UnitQuaternion::from_quaternion(Quaternion::new(
+                second * b.cos(),
+                first * a.sin(),
+                first * a.cos(),
+                second * b.sin(),
+            ))
+        }
+    }
+}
+
+fn read_facts(data: &Data, at: &Addresses) -> StepFacts {
+    let mut facts = StepFacts::default();
+    for contact in data.contacts() {
+        let other = match contact.geoms {
+            [a, b] if a == at.object => b,
+            [a, b] if b == at.object => a,
+            _ => continue,
+        };
+        if other == at.plane {
+            facts.touches_plane = true;
+        } else if at.is_hand[other.index()] {
+            facts.touches_hand = true;
+            facts.penetration = facts.penetration.max(-contact.distance);
+        }
+    }
+    facts
+}

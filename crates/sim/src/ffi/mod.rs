@@ -1,0 +1,13 @@
+//! The fence around MuJoCo's C API: every `unsafe` of this crate lies in this folder.
+
+#[rustfmt::skip]
+mod bindings;
+mod data;
+mod ids;
+mod library;
+mod model;
+
+pub use data::{Contact, Data, WarningCounts};
+pub use ids::{ActuatorId, BodyId, GeomId, JointId, SiteId};
+pub use library::{LIBRARY_VARIABLE, MuJoCo, REQUIRED_VERSION};
+pub use model::Model;

@@ -1,0 +1,337 @@
+//! Composition of a scene: a hand on a vertical slide above a plane, and one object on the plane.
+//!
+//! Works on XML with an XML library. The hand's own defaults are moved into a class of their own, so
+//! that they reach the hand alone; everything that is added states its attributes itself.
+
+use std::path::Path;
+
+use eigenhand_hands::Hand;
+use xmltree::{Element, XMLNode};
+
+use crate::SimError;
+use crate::objects::Object;
+use crate::physics::{Cone, PhysicsConfig};
+use crate::xml::{append, element, elements, elements_mut, numbers};
+
+/// Name of the plane's geom.
+pub const PLANE: &str = "scene/plane";
+/// Name of the object's body.
+pub const OBJECT: &str = "scene/object";
+/// Name of the object's free joint.
+pub const OBJECT_JOINT: &str = "scene/object_joint";
+/// Name of the object's geom.
+pub const OBJECT_GEOM: &str = "scene/object_geom";
+/// Name of the body that the slide moves and that carries the hand.
+pub const MOUNT: &str = "scene/mount";
+
+const HAND_CLASS: &str = "scene/hand";
+/// Mass in kg and inertia in kg m2 of the slide's carriage, small against any hand's.
+const CARRIAGE_MASS: f64 = 0.05;
+const CARRIAGE_INERTIA: f64 = 1e-4;
+const STANDARD_GRAVITY: f64 = 9.81;
+
+/// Top-level sections of a hand's file that describe the hand; the rest (options, size, keyframes,
+/// visual settings, sensors) belongs to the scene or to nobody.
+const HAND_SECTIONS: [&str; 5] = ["equality", "tendon", "actuator", "contact", "asset"];
+const CLASSED_SECTIONS: [&str; 4] = ["equality", "tendon", "actuator", "contact"];
+const CLASSLESS_ELEMENTS: [&str; 1] = ["exclude"];
+
+/// A scene, ready to be compiled or written to a file.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// MJCF text that loads in MuJoCo 2.2.2 and newer.
+    pub xml: String,
+    /// The files it names (meshes, textures), by the names it uses.
+    pub assets: Vec<(String, Vec<u8>)>,
+}
+
+impl Scene {
+    /// Composes the scene of `hand` and `object`.
+    ///
+    /// `lifted_mass` in kg is what the slide's servo carries: its weight is balanced and its rise and
+    /// fall speeds are limited with it. It is the hand's mass, known once a scene has been compiled.
+    ///
+    /// # Errors
+    /// [`SimError::Hand`] when the hand's file has no body, [`SimError::ReadAsset`] for a file it names.
+    pub fn compose(hand: &Hand, object: &Object, physics: &PhysicsConfig, lifted_mass: f64) -> Result<Scene, SimError> {
+        let model = &hand.model;
+        let mut root = element("mujoco", &[("model", format!("{}-{}", hand.manifest.name, object.name))]);
+        append(&mut root, compiler(model));
+        append(&mut root, option(physics));
+        append(&mut root, size(model));
+        append(&mut root, visual());
+        append(&mut root, defaults(model));
+
+        let mut world = Element::new("worldbody");
+        append(&mut world, light());
+        append(&mut world, plane());
+        append(&mut world, object_body(object, physics));
+        append(&mut world, mount(hand)?);
+        append(&mut root, world);
+
+        let mut assets = Vec::new();
+        for name in HAND_SECTIONS {
+            let mut section = Element::new(name);
+            if name == "actuator" {
+                append(&mut section, slide_servo(hand, lifted_mass));
+            }
+            for own in elements(model).filter(|section| section.name == name) {
+                section.children.extend(own.children.iter().filter(|c| c.as_element().is_some()).cloned());
+            }
+            if CLASSED_SECTIONS.contains(&name) {
+                for item in elements_mut(&mut section) {
+                    if item.attributes.get("name") != Some(&hand.manifest.slide.name)
+                        && !CLASSLESS_ELEMENTS.contains(&item.name.as_str())
+                    {
+                        item.attributes.entry("class".to_owned()).or_insert_with(|| HAND_CLASS.to_owned());
+                    }
+                }
+            }
+            if name == "asset" {
+                collect_files(&mut section, model, &hand.model_directory, &mut assets)?;
+            }
+            if !section.children.is_empty() {
+                append(&mut root, section);
+            }
+        }
+        Ok(Scene { xml: print(&root), assets })
+    }
+}
+
+fn print(root: &Element) -> String {
+    let mut text = Vec::new();
+    let config = xmltree::EmitterConfig::new().perform_indent(true).write_document_declaration(false);
+    // Writing into memory fails only for a document the library could not have parsed.
+    match root.write_with_config(&mut text, config) {
+        Ok(()) => String::from_utf8_lossy(&text).into_owned(),
+        Err(_) => String::new(),
+    }
+}
+
+/// Keeps the hand's way of writing angles and frames; directories are resolved here, and inertias are
+/// inferred where none is written because the object has none.
+fn compiler(model: &Element) -> Element {
+    let mut compiler = Element::new("compiler");
+    for own in elements(model).filter(|section| section.name == "compiler") {
+        compiler.attributes.extend(own.attributes.iter().map(|(key, value)| (key.clone(), value.clone())));
+    }
+    for resolved in ["meshdir", "texturedir", "assetdir", "strippath"] {
+        compiler.attributes.shift_remove(resolved);
+    }
+    if compiler.attributes.get("inertiafromgeom").is_some_and(|value| value == "false") {
+        compiler.attributes.insert("inertiafromgeom".to_owned(), "auto".to_owned());
+    }
+    compiler
+}
+
+fn option(physics: &PhysicsConfig) -> Element {
+    let cone = match physics.cone {
+        Cone::Pyramidal => "pyramidal",
+        Cone::Elliptic => "elliptic",
+    };
+    element(
+        "option",
+        &[
+            ("timestep", physics.timestep.to_string()),
+            ("gravity", numbers(&[0.0, 0.0, -STANDARD_GRAVITY])),
+            ("cone", cone.to_owned()),
+            ("impratio", physics.impratio.to_string()),
+            ("noslip_iterations", physics.noslip_iterations.to_string()),
+            ("iterations", physics.solver_iterations.to_string()),
+        ],
+    )
+}
+
+/// Buffers that hold every contact the hand can have: a few for each of its geoms, six rows each.
+fn size(model: &Element) -> Element {
+    fn geoms(parent: &Element) -> usize {
+        elements(parent).map(|child| usize::from(child.name == "geom") + geoms(child)).sum()
+    }
+    let hand_geoms: usize = elements(model).filter(|s| s.name == "worldbody").map(geoms).sum();
+    let contacts = 40 + 4 * hand_geoms;
+    element("size", &[("nconmax", contacts.to_string()), ("njmax", (6 * contacts + 200).to_string())])
+}
+
+fn visual() -> Element {
+    let mut visual = Element::new("visual");
+    append(&mut visual, element("headlight", &[("ambient", "0.4 0.4 0.4".into()), ("diffuse", "0.5 0.5 0.5".into())]));
+    append(&mut visual, element("map", &[("znear", "0.005".into())]));
+    visual
+}
+
+/// The scene's default class is MuJoCo's own; the hand's becomes a named one below it.
+fn defaults(model: &Element) -> Element {
+    let mut hand_class = element("default", &[("class", HAND_CLASS.to_owned())]);
+    for own in elements(model).filter(|section| section.name == "default") {
+        hand_class.children.extend(own.children.iter().filter(|c| c.as_element().is_some()).cloned());
+    }
+    let mut main = Element::new("default");
+    append(&mut main, hand_class);
+    main
+}
+
+fn light() -> Element {
+    element("light", &[("name", "scene/light".into()), ("pos", "0.3 -0.4 1.5".into()), ("dir", "-0.2 0.25 -1".into())])
+}
+
+fn plane() -> Element {
+    element(
+        "geom",
+        &[
+            ("name", PLANE.into()),
+            ("type", "plane".into()),
+            ("size", "1 1 0.05".into()),
+            ("contype", "1".into()),
+            ("conaffinity", "1".into()),
+            ("condim", "3".into()),
+            ("friction", "1 0.005 0.0001".into()),
+            ("rgba", "0.55 0.6 0.62 1".into()),
+        ],
+    )
+}
+
+fn object_body(object: &Object, physics: &PhysicsConfig) -> Element {
+    let (kind, size) = object.shape.geom();
+    let upright = object.shape.depth_below_centre(&nalgebra::UnitQuaternion::identity());
+    let mut body = element("body", &[("name", OBJECT.into()), ("pos", numbers(&[0.0, 0.0, upright]))]);
+    append(&mut body, element("freejoint", &[("name", OBJECT_JOINT.into())]));
+    append(
+        &mut body,
+        element(
+            "geom",
+            &[
+                ("name", OBJECT_GEOM.into()),
+                ("type", kind.into()),
+                ("size", size),
+                ("mass", object.mass.to_string()),
+                ("contype", "1".into()),
+                ("conaffinity", "1".into()),
+                ("condim", "6".into()),
+                ("friction", numbers(&physics.object_friction)),
+                ("rgba", "0.85 0.45 0.2 1".into()),
+            ],
+        ),
+    );
+    body
+}
+
+/// The slide with the hand's root bodies in it.
+fn mount(hand: &Hand) -> Result<Element, SimError> {
+    let slide = &hand.manifest.slide;
+    let mut carriage = element("body", &[("name", MOUNT.into())]);
+    append(
+        &mut carriage,
+        element(
+            "joint",
+            &[
+                ("name", slide.name.clone()),
+                ("type", "slide".into()),
+                ("axis", "0 0 1".into()),
+                ("limited", "true".into()),
+                ("range", numbers(&slide.range)),
+                ("damping", slide.damping.to_string()),
+                ("armature", slide.armature.to_string()),
+            ],
+        ),
+    );
+    // MuJoCo wants mass in every body that moves.
+    append(
+        &mut carriage,
+        element(
+            "inertial",
+            &[
+                ("pos", "0 0 0".into()),
+                ("mass", CARRIAGE_MASS.to_string()),
+                ("diaginertia", numbers(&[CARRIAGE_INERTIA; 3])),
+            ],
+        ),
+    );
+    let mut base = element(
+        "body",
+        &[
+            ("name", "scene/base".into()),
+            ("pos", numbers(&hand.manifest.mount.position)),
+            ("quat", numbers(&hand.manifest.mount.quaternion_wxyz())),
+            ("childclass", HAND_CLASS.into()),
+        ],
+    );
+    for world in elements(&hand.model).filter(|section| section.name == "worldbody") {
+        base.children.extend(
+            world
+                .children
+                .iter()
+                .filter(|c| matches!(c, XMLNode::Element(e) if matches!(e.name.as_str(), "body" | "geom" | "site")))
+                .cloned(),
+        );
+    }
+    if !elements(&base).any(|child| child.name == "body") {
+        return Err(SimError::Hand {
+            hand: hand.manifest.name.clone(),
+            reason: format!("{} has no <body> in its <worldbody>", hand.manifest.model),
+        });
+    }
+    append(&mut carriage, base);
+    Ok(carriage)
+}
+
+/// A position servo that balances the hand's weight.
+///
+/// Against a joint damping `d`, a force of `weight + d * speed` makes the hand rise at `speed` at most,
+/// so the limits on its speed are limits on its force.
+fn slide_servo(hand: &Hand, lifted_mass: f64) -> Element {
+    let slide = &hand.manifest.slide;
+    let weight = lifted_mass * STANDARD_GRAVITY;
+    let upward = match slide.rise_speed {
+        Some(speed) => (weight + slide.damping * speed).min(weight + slide.force_limit),
+        None => weight + slide.force_limit,
+    };
+    element(
+        "general",
+        &[
+            ("name", slide.name.clone()),
+            ("joint", slide.name.clone()),
+            ("gear", "1".into()),
+            ("ctrllimited", "true".into()),
+            ("ctrlrange", numbers(&slide.range)),
+            ("forcelimited", "true".into()),
+            ("forcerange", numbers(&[weight - slide.force_limit, upward])),
+            ("dyntype", "none".into()),
+            ("gaintype", "fixed".into()),
+            ("gainprm", slide.kp.to_string()),
+            ("biastype", "affine".into()),
+            ("biasprm", numbers(&[weight, -slide.kp, 0.0])),
+        ],
+    )
+}
+
+/// Reads the files that the hand's assets name and renames them, so that two files of one name in
+/// two directories stay apart.
+fn collect_files(
+    section: &mut Element,
+    model: &Element,
+    directory: &Path,
+    assets: &mut Vec<(String, Vec<u8>)>,
+) -> Result<(), SimError> {
+    let directory_of = |key: &str| {
+        elements(model)
+            .filter(|s| s.name == "compiler")
+            .find_map(|c| c.attributes.get(key).or_else(|| c.attributes.get("assetdir")))
+            .cloned()
+            .unwrap_or_default()
+    };
+    for item in elements_mut(section) {
+        let Some(file) = item.attributes.get("file").cloned() else { continue };
+        let kind = if item.name == "texture" { "texturedir" } else { "meshdir" };
+        let path = directory.join(directory_of(kind)).join(&file);
+        let bytes = std::fs::read(&path).map_err(|source| SimError::ReadAsset { path: path.clone(), source })?;
+        let (stem, extension) = (Path::new(&file).file_stem(), Path::new(&file).extension());
+        if let Some(stem) = stem {
+            item.attributes.entry("name".to_owned()).or_insert_with(|| stem.to_string_lossy().into_owned());
+        }
+        let extension = extension.map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+        let renamed = format!("{}_{}.{extension}", item.name, assets.len());
+        item.attributes.insert("file".to_owned(), renamed.clone());
+        assets.push((renamed, bytes));
+    }
+    Ok(())
+}

@@ -1,0 +1,325 @@
+//! The grasp task: what is fixed over episodes (hand, objects, goals, layout of the observation).
+
+use std::sync::Arc;
+
+use eigenhand_hands::{Hand, HandJoint};
+use serde::{Deserialize, Serialize};
+
+use crate::SimError;
+use crate::ffi::{Data, GeomId, Model, MuJoCo};
+use crate::objects::Object;
+use crate::physics::PhysicsConfig;
+use crate::reward::RewardConfig;
+use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene};
+
+/// How an object is turned before it is dropped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Orientation {
+    /// Uniform over all rotations.
+    Any,
+    /// Upright, turned about the vertical.
+    Yaw,
+}
+
+/// Settings of an episode.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskConfig {
+    /// Control steps an episode. Default 100 (paper, section 3.1).
+    pub steps: usize,
+    /// Number of last steps that must all succeed for the episode to succeed. Default 5 (the authors' code).
+    pub final_steps: usize,
+    /// Height of the goal above the resting object in evaluation, in m. Default 0.10 to 0.20.
+    pub goal_height: [f64; 2],
+    /// Height of the goal above the resting object in training, in m.
+    pub training_goal_height: [f64; 2],
+    /// Half width in m of the square in which the object is put, around the point below the hand. Default 0.02.
+    pub object_range: f64,
+    /// How the object is turned before it is dropped. Default any.
+    pub orientation: Orientation,
+    /// Time in s that a dropped object has to come to rest. Default 0.4.
+    pub settle_time: f64,
+}
+
+impl TaskConfig {
+    /// Checks every setting.
+    ///
+    /// # Errors
+    /// [`SimError::Setting`] names the first key that is out of range.
+    pub fn validate(&self) -> Result<(), SimError> {
+        let check = |name, good: bool, expected, got: String| {
+            if good { Ok(()) } else { Err(SimError::Setting { name, expected, got }) }
+        };
+        let heights = "two heights in m, the lower first, from 0 to 1";
+        let ordered = |h: [f64; 2]| 0.0 <= h[0] && h[0] <= h[1] && h[1] <= 1.0;
+        check("task.goal_height", ordered(self.goal_height), heights, format!("{:?}", self.goal_height))?;
+        check(
+            "task.training_goal_height",
+            ordered(self.training_goal_height),
+            heights,
+            format!("{:?}", self.training_goal_height),
+        )?;
+        check(
+            "task.steps",
+            (2..=10_000).contains(&self.steps),
+            "a whole number from 2 to 10000",
+            self.steps.to_string(),
+        )?;
+        check(
+            "task.final_steps",
+            (1..=self.steps).contains(&self.final_steps),
+            "a whole number from 1 to task.steps",
+            self.final_steps.to_string(),
+        )?;
+        check(
+            "task.object_range",
+            (0.0..=0.5).contains(&self.object_range),
+            "a length from 0 to 0.5 m",
+            self.object_range.to_string(),
+        )?;
+        check(
+            "task.settle_time",
+            (0.0..=5.0).contains(&self.settle_time),
+            "a time from 0 to 5 s",
+            self.settle_time.to_string(),
+        )
+    }
+}
+
+/// One entry of the observation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct ObservationEntry {
+    /// Name, such as `qpos:slide`.
+    pub name: String,
+    /// Unit.
+    pub unit: &'static str,
+}
+
+/// Where a scene's model keeps what the task reads and writes.
+pub(crate) struct Addresses {
+    pub posture_qpos: Vec<usize>,
+    pub posture_dof: Vec<usize>,
+    pub object_qpos: usize,
+    pub object_dof: usize,
+    pub plane: GeomId,
+    pub object: GeomId,
+    pub is_hand: Vec<bool>,
+    pub slide_qpos: usize,
+    pub slide_ctrl: usize,
+    /// `qpos` of the whole scene with the hand open and the slide at its start.
+    pub start_qpos: Vec<f64>,
+}
+
+/// One object's compiled scene.
+pub struct ObjectScene {
+    /// The object.
+    pub object: Object,
+    /// The scene as it can be written to a file.
+    pub scene: Scene,
+    /// The compiled model.
+    pub model: Arc<Model>,
+    pub(crate) addresses: Addresses,
+}
+
+/// The grasp task of one hand, shared by all environments.
+pub struct GraspTask {
+    /// Settings of an episode.
+    pub config: TaskConfig,
+    /// Settings of the simulation.
+    pub physics: PhysicsConfig,
+    /// Constants of success.
+    pub reward: RewardConfig,
+    /// The objects, in the order they were asked for.
+    pub scenes: Vec<ObjectScene>,
+    /// The posture's joints, in order.
+    pub posture_joints: Vec<HandJoint>,
+    /// Names of the actuators, in the order of the action.
+    pub actuators: Vec<String>,
+    /// Control range of every actuator, in the order of the action.
+    pub control_ranges: Vec<(f64, f64)>,
+    /// Controls that hold the open hand at the slide's start.
+    pub(crate) start_ctrl: Vec<f64>,
+    pub(crate) slide_top: f64,
+}
+
+/// Numbers that describe the object in an observation: pose 7, velocity 6, id 1.
+const OBJECT_ENTRIES: [(&str, &str); 14] = [
+    ("object:x", "m"),
+    ("object:y", "m"),
+    ("object:z", "m"),
+    ("object:qw", "1"),
+    ("object:qx", "1"),
+    ("object:qy", "1"),
+    ("object:qz", "1"),
+    ("object:vx", "m/s"),
+    ("object:vy", "m/s"),
+    ("object:vz", "m/s"),
+    ("object:wx", "rad/s"),
+    ("object:wy", "rad/s"),
+    ("object:wz", "rad/s"),
+    ("object:id", "1"),
+];
+
+impl GraspTask {
+    /// Number of values of a goal: the object's position.
+    pub const GOAL_LEN: usize = 3;
+
+    /// Compiles the scenes of `hand` with each of the named objects.
+    ///
+    /// # Errors
+    /// Settings out of range, an unknown object, a model that MuJoCo refuses, a hand whose actuators
+    /// have no control range.
+    pub fn new(
+        library: &Arc<MuJoCo>,
+        hand: &Hand,
+        objects: &[String],
+        config: TaskConfig,
+        physics: PhysicsConfig,
+        reward: RewardConfig,
+    ) -> Result<GraspTask, SimError> {
+        config.validate()?;
+        physics.validate()?;
+        reward.validate()?;
+        let objects: Vec<Object> =
+            objects.iter().map(|name| Object::named(name, hand.manifest.objects.scale)).collect::<Result<_, _>>()?;
+        let first = objects.first().ok_or(SimError::Setting {
+            name: "objects",
+            expected: "at least one object",
+            got: "none".to_owned(),
+        })?;
+        let compile = |object: &Object, mass| -> Result<(Scene, Model), SimError> {
+            let scene = Scene::compose(hand, object, &physics, mass)?;
+            let model = Model::from_xml(library, &scene.xml, &scene.assets)?;
+            Ok((scene, model))
+        };
+        let (_, weighed) = compile(first, 0.0)?;
+        let mass = weighed.subtree_mass(weighed.body(MOUNT)?);
+        let scenes: Vec<ObjectScene> = objects
+            .into_iter()
+            .map(|object| {
+                let (scene, model) = compile(&object, mass)?;
+                let addresses = Addresses::resolve(&model, hand)?;
+                Ok(ObjectScene { object, scene, model: Arc::new(model), addresses })
+            })
+            .collect::<Result<_, SimError>>()?;
+
+        let model = &scenes[0].model;
+        let actuators: Vec<String> = model.actuators().map(|id| model.actuator_name(id)).collect();
+        let control_ranges = model
+            .actuators()
+            .map(|id| {
+                model.control_range(id).ok_or_else(|| SimError::Hand {
+                    hand: hand.manifest.name.clone(),
+                    reason: format!(
+                        "actuator {:?} has no control range: give it ctrllimited=\"true\" and a ctrlrange",
+                        model.actuator_name(id)
+                    ),
+                })
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        let start_ctrl = start_controls(hand, actuators.len())?;
+        Ok(GraspTask {
+            config,
+            physics,
+            reward,
+            posture_joints: hand.posture.clone(),
+            actuators,
+            control_ranges,
+            start_ctrl,
+            slide_top: hand.manifest.slide.range[1],
+            scenes,
+        })
+    }
+
+    /// Returns the number of values of an observation.
+    pub fn observation_len(&self) -> usize {
+        2 * self.posture_joints.len() + OBJECT_ENTRIES.len()
+    }
+
+    /// Returns the number of values of an action.
+    pub fn action_len(&self) -> usize {
+        self.actuators.len()
+    }
+
+    /// Describes every entry of the observation, in order (paper, section 3.1).
+    pub fn observation_layout(&self) -> Vec<ObservationEntry> {
+        let joints = |prefix: &'static str, per_second: bool| {
+            self.posture_joints.iter().map(move |joint| ObservationEntry {
+                name: format!("{prefix}:{}", joint.name),
+                unit: match (joint.unit, per_second) {
+                    ("m", true) => "m/s",
+                    (_, true) => "rad/s",
+                    (symbol, false) => symbol,
+                },
+            })
+        };
+        let object = OBJECT_ENTRIES.map(|(name, unit)| ObservationEntry { name: name.to_owned(), unit });
+        joints("qpos", false).chain(joints("qvel", true)).chain(object).collect()
+    }
+
+    /// Returns the controls at which every episode starts.
+    pub fn start_controls(&self) -> &[f64] {
+        &self.start_ctrl
+    }
+
+    /// (action in [-1, 1]) => controls, each mapped onto its actuator's range.
+    pub fn scale_action(&self, action: &[f32], ctrl: &mut [f64]) {
+        for ((ctrl, &action), &(low, high)) in ctrl.iter_mut().zip(action).zip(&self.control_ranges) {
+            let unit = (f64::from(action).clamp(-1.0, 1.0) + 1.0) / 2.0;
+            *ctrl = low + unit * (high - low);
+        }
+    }
+}
+
+/// Controls of the open posture, the slide's first, in the order of the scene's actuators.
+fn start_controls(hand: &Hand, n_actuators: usize) -> Result<Vec<f64>, SimError> {
+    let actuation = hand.actuation();
+    if actuation.actuators.len() != n_actuators {
+        return Err(SimError::Hand {
+            hand: hand.manifest.name.clone(),
+            reason: format!(
+                "the compiled model has {} actuators, but its file lists {}",
+                n_actuators,
+                actuation.actuators.len()
+            ),
+        });
+    }
+    Ok(actuation.commands(&hand.open_posture_vector()))
+}
+
+impl Addresses {
+    fn resolve(model: &Model, hand: &Hand) -> Result<Addresses, SimError> {
+        let joints = &hand.posture;
+        let ids = joints.iter().map(|joint| model.joint(&joint.name)).collect::<Result<Vec<_>, _>>()?;
+        let object = model.joint(OBJECT_JOINT)?;
+        let slide = model.joint(&hand.manifest.slide.name)?;
+        let mut start_qpos = model.qpos0().to_vec();
+        for (name, value) in hand.open_posture() {
+            start_qpos[model.qpos_address(model.joint(&name)?)] = value;
+        }
+        start_qpos[model.qpos_address(slide)] = hand.manifest.slide.start;
+        Ok(Addresses {
+            posture_qpos: ids.iter().map(|&id| model.qpos_address(id)).collect(),
+            posture_dof: ids.iter().map(|&id| model.dof_address(id)).collect(),
+            object_qpos: model.qpos_address(object),
+            object_dof: model.dof_address(object),
+            plane: model.geom(PLANE)?,
+            object: model.geom(OBJECT_GEOM)?,
+            is_hand: model.geoms_below(model.body(MOUNT)?),
+            slide_qpos: model.qpos_address(slide),
+            slide_ctrl: model.actuator(&hand.manifest.slide.name)?.index(),
+            start_qpos,
+        })
+    }
+}
+
+impl ObjectScene {
+    /// Allocates a simulation of this scene.
+    ///
+    /// # Errors
+    /// [`SimError::OutOfMemory`].
+    pub fn data(&self) -> Result<Data, SimError> {
+        Data::new(&self.model)
+    }
+}

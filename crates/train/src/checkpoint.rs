@@ -1,0 +1,268 @@
+//! Checkpoints: everything a run needs to go on as if it had not stopped.
+//!
+//! `checkpoints/replay.bin` is appended to and never rewritten; a checkpoint records how much of it counts. Each
+//! checkpoint is a directory with the learner, the best policy so far and a record of counters and digests, written
+//! under a temporary name and renamed. Random streams need no state: they are functions of the seed and of the
+//! counters in the record.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use eigenhand_rl::{EpisodeData, TensorMap};
+use eigenhand_sim::ffi::WarningCounts;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::error::io_error;
+use crate::files::{create_directory, sha256, write_atomically};
+
+const DIRECTORY: &str = "checkpoints";
+const REPLAY: &str = "replay.bin";
+const LEARNER: &str = "learner.safetensors";
+const BEST: &str = "best.safetensors";
+const RECORD: &str = "state.toml";
+const PREFIX: &str = "episode-";
+const SCHEMA: u32 = 1;
+
+/// Counters of a run, as a checkpoint records them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Counters {
+    /// Training episodes simulated, those that diverged included.
+    pub episodes: u64,
+    /// Control steps simulated in training.
+    pub env_steps: u64,
+    /// Minibatches learned from.
+    pub updates: u64,
+    /// Updates that are owed to the episodes so far, a fraction of one.
+    pub updates_owed: f64,
+    /// Training episodes that diverged.
+    pub diverged: u64,
+    /// Steps with a full contact or constraint buffer, or a bad inertia, in training.
+    pub buffer_warnings: u64,
+    /// Postures in the database.
+    pub postures: u64,
+    /// Seconds of wall time so far.
+    pub wall_s: f64,
+    /// Success rate of the best evaluation so far.
+    pub best_success_rate: Option<f64>,
+    /// Training episodes before it.
+    pub best_episode: Option<u64>,
+}
+
+impl Counters {
+    /// Adds an episode's warnings.
+    pub fn count_warnings(&mut self, warnings: WarningCounts) {
+        self.buffer_warnings += warnings.contacts_full + warnings.constraints_full + warnings.inertia;
+    }
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CheckpointRecord {
+    schema: u32,
+    counters: Counters,
+    replay_bytes: u64,
+    learner_sha256: String,
+    best_sha256: Option<String>,
+}
+
+/// What a checkpoint held.
+pub struct Restored {
+    /// Counters at the checkpoint.
+    pub counters: Counters,
+    /// The learner.
+    pub learner: TensorMap,
+    /// The best policy so far.
+    pub best: Option<TensorMap>,
+    /// Every stored episode, oldest first.
+    pub episodes: Vec<EpisodeData>,
+}
+
+/// The checkpoints of one run.
+pub struct Checkpoints {
+    directory: PathBuf,
+    replay: File,
+    replay_bytes: u64,
+    kept: usize,
+}
+
+impl Checkpoints {
+    /// Starts the checkpoints of a new run.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`].
+    pub fn create(run: &Path, kept: usize) -> Result<Checkpoints, TrainError> {
+        let directory = run.join(DIRECTORY);
+        create_directory(&directory)?;
+        let path = directory.join(REPLAY);
+        let replay = File::create(&path).map_err(io_error("write", &path))?;
+        Ok(Checkpoints { directory, replay, replay_bytes: 0, kept })
+    }
+
+    /// Opens the checkpoints of a run and reads the newest.
+    ///
+    /// # Errors
+    /// [`TrainError::NotARun`] when there is none, [`TrainError::Damaged`] when a file does not fit its digest; the
+    /// message names the file and what to do. Nothing is changed on disk before everything has been read.
+    pub fn open(run: &Path, kept: usize) -> Result<(Checkpoints, Restored), TrainError> {
+        let directory = run.join(DIRECTORY);
+        let existing = list(&directory)?;
+        let Some((_, newest)) = existing.last() else {
+            return Err(TrainError::NotARun {
+                path: run.to_owned(),
+                reason: "it holds no checkpoint yet; start it again with another --out".to_owned(),
+            });
+        };
+        let older = existing.len().checked_sub(2).and_then(|i| existing.get(i)).map(|(_, path)| path.as_path());
+        let record = read_record(newest, older)?;
+        let learner = read_tensors(&newest.join(LEARNER), &record.learner_sha256, newest, older)?;
+        let best = match &record.best_sha256 {
+            Some(digest) => Some(read_tensors(&newest.join(BEST), digest, newest, older)?),
+            None => None,
+        };
+        let path = directory.join(REPLAY);
+        let mut replay = OpenOptions::new().read(true).write(true).open(&path).map_err(io_error("open", &path))?;
+        let episodes = read_replay(&mut replay, &path, record.replay_bytes)?;
+        replay.set_len(record.replay_bytes).map_err(io_error("truncate", &path))?;
+        replay.seek(SeekFrom::End(0)).map_err(io_error("write", &path))?;
+        let checkpoints = Checkpoints { directory, replay, replay_bytes: record.replay_bytes, kept };
+        Ok((checkpoints, Restored { counters: record.counters, learner, best, episodes }))
+    }
+
+    /// Appends an episode to the replay's log; it counts from the next checkpoint on.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`], [`TrainError::Rl`].
+    pub fn append(&mut self, episode: &EpisodeData) -> Result<(), TrainError> {
+        let bytes = episode.to_bytes()?;
+        let path = self.directory.join(REPLAY);
+        self.replay.write_all(&bytes).map_err(io_error("write", &path))?;
+        self.replay_bytes += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Writes a checkpoint and removes those that are too old.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`].
+    pub fn save(
+        &mut self,
+        counters: &Counters,
+        learner: &TensorMap,
+        best: Option<&TensorMap>,
+    ) -> Result<(), TrainError> {
+        let replay_path = self.directory.join(REPLAY);
+        self.replay.sync_data().map_err(io_error("write", &replay_path))?;
+        let learner = learner.save_bytes()?;
+        let best = best.map(TensorMap::save_bytes).transpose()?;
+        let record = CheckpointRecord {
+            schema: SCHEMA,
+            counters: counters.clone(),
+            replay_bytes: self.replay_bytes,
+            learner_sha256: sha256(&learner),
+            best_sha256: best.as_deref().map(sha256),
+        };
+        let name = format!("{PREFIX}{:08}", counters.episodes);
+        let (partial, path) = (self.directory.join(format!(".{name}.partial")), self.directory.join(&name));
+        if partial.exists() {
+            fs::remove_dir_all(&partial).map_err(io_error("remove", &partial))?;
+        }
+        create_directory(&partial)?;
+        write_atomically(&partial.join(LEARNER), &learner)?;
+        if let Some(best) = best {
+            write_atomically(&partial.join(BEST), &best)?;
+        }
+        let record = toml::to_string(&record)
+            .map_err(|error| TrainError::Format { path: path.join(RECORD), reason: error.to_string() })?;
+        write_atomically(&partial.join(RECORD), record.as_bytes())?;
+        if path.exists() {
+            fs::remove_dir_all(&path).map_err(io_error("replace", &path))?;
+        }
+        fs::rename(&partial, &path).map_err(io_error("write", &path))?;
+        let existing = list(&self.directory)?;
+        for (_, old) in existing.iter().take(existing.len().saturating_sub(self.kept)) {
+            fs::remove_dir_all(old).map_err(io_error("remove", old))?;
+        }
+        Ok(())
+    }
+}
+
+/// Lists checkpoints by episode, oldest first.
+fn list(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
+    let mut found = Vec::new();
+    if directory.is_dir() {
+        for entry in fs::read_dir(directory).map_err(io_error("read", directory))? {
+            let path = entry.map_err(io_error("read", directory))?.path();
+            let number = path
+                .file_name()
+                .and_then(|name| name.to_str())
+                .and_then(|name| name.strip_prefix(PREFIX))
+                .and_then(|number| number.parse().ok());
+            if let Some(number) = number {
+                found.push((number, path));
+            }
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn damaged(path: &Path, reason: impl ToString, checkpoint: &Path, older: Option<&Path>) -> TrainError {
+    let mend = match older {
+        Some(older) => format!(
+            "remove the directory {} to continue from the checkpoint before it, {}",
+            checkpoint.display(),
+            older.display()
+        ),
+        None => {
+            "there is no older checkpoint: the postures and the metrics can be used, the training has to start again"
+                .to_owned()
+        }
+    };
+    TrainError::Damaged { path: path.to_owned(), reason: reason.to_string(), mend }
+}
+
+fn read_record(checkpoint: &Path, older: Option<&Path>) -> Result<CheckpointRecord, TrainError> {
+    let path = checkpoint.join(RECORD);
+    let text = fs::read_to_string(&path).map_err(|error| damaged(&path, error, checkpoint, older))?;
+    let record: CheckpointRecord = toml::from_str(&text).map_err(|error| damaged(&path, error, checkpoint, older))?;
+    if record.schema != SCHEMA {
+        let reason = format!("its schema is {}, but this version reads {SCHEMA}", record.schema);
+        return Err(damaged(&path, reason, checkpoint, older));
+    }
+    Ok(record)
+}
+
+fn read_tensors(path: &Path, digest: &str, checkpoint: &Path, older: Option<&Path>) -> Result<TensorMap, TrainError> {
+    let bytes = fs::read(path).map_err(|error| damaged(path, error, checkpoint, older))?;
+    let found = sha256(&bytes);
+    if found != digest {
+        let reason = format!("its SHA-256 is {found}, but {digest} was written");
+        return Err(damaged(path, reason, checkpoint, older));
+    }
+    TensorMap::load_bytes(&bytes).map_err(|error| damaged(path, error, checkpoint, older))
+}
+
+fn read_replay(file: &mut File, path: &Path, length: u64) -> Result<Vec<EpisodeData>, TrainError> {
+    let damaged = |reason: String| TrainError::Damaged {
+        path: path.to_owned(),
+        reason,
+        mend: "the training has to start again; the postures and the metrics can be used".to_owned(),
+    };
+    let mut bytes = Vec::new();
+    file.take(length).read_to_end(&mut bytes).map_err(io_error("read", path))?;
+    if bytes.len() as u64 != length {
+        return Err(damaged(format!("it has {} bytes, but the checkpoint counts {length}", bytes.len())));
+    }
+    let mut episodes = Vec::new();
+    let mut rest = bytes.as_slice();
+    while !rest.is_empty() {
+        let (episode, after) =
+            EpisodeData::read_prefix(rest).map_err(|error| damaged(format!("episode {}: {error}", episodes.len())))?;
+        episodes.push(episode);
+        rest = after;
+    }
+    Ok(episodes)
+}

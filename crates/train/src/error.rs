@@ -1,0 +1,98 @@
+//! What can go wrong in a run.
+
+use std::path::{Path, PathBuf};
+
+use eigenhand_hands::HandError;
+use eigenhand_rl::RlError;
+use eigenhand_sim::SimError;
+use eigenhand_synergy::SynergyError;
+
+use crate::config::ConfigError;
+
+/// Errors of training, evaluation and export.
+#[derive(Debug, thiserror::Error)]
+pub enum TrainError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The hand is wrong or unknown.
+    #[error(transparent)]
+    Hand(#[from] HandError),
+    /// The simulator or the task.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// The learner.
+    #[error(transparent)]
+    Rl(#[from] RlError),
+    /// The posture database or the synergy.
+    #[error(transparent)]
+    Synergy(#[from] SynergyError),
+    /// The system refused something.
+    #[error("cannot {what}")]
+    Io {
+        /// What was tried.
+        what: String,
+        /// The system's reason.
+        #[source]
+        source: std::io::Error,
+    },
+    /// A simulation thread ended.
+    #[error("a simulation thread ended unexpectedly (its message is above); the run can be continued with --resume")]
+    WorkerLost,
+    /// A run directory exists already.
+    #[error("{} exists already; name another with --out, or continue it with --resume {}", path.display(), path.display())]
+    RunExists {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// A directory is not a run.
+    #[error("{} is not a run directory: {reason}", path.display())]
+    NotARun {
+        /// The directory.
+        path: PathBuf,
+        /// What is missing.
+        reason: String,
+    },
+    /// A file of a run is damaged.
+    #[error("{} is damaged: {reason}\n{mend}", path.display())]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// What does not fit.
+        reason: String,
+        /// What the user can do.
+        mend: String,
+    },
+    /// Another process trains in the run directory.
+    #[error("{} is in use by another process", path.display())]
+    Locked {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// A file cannot be written in its format.
+    #[error("cannot write {}: {reason}", path.display())]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Why not.
+        reason: String,
+    },
+}
+
+impl TrainError {
+    /// Tells whether the command line was at fault, which ends with another exit status.
+    pub fn is_usage(&self) -> bool {
+        matches!(
+            self,
+            TrainError::Config(_)
+                | TrainError::Hand(HandError::UnknownHand { .. })
+                | TrainError::Sim(SimError::UnknownObject { .. })
+        )
+    }
+}
+
+/// Turns the system's reason into an error that says what was tried.
+pub(crate) fn io_error(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> TrainError {
+    let what = format!("{what} {}", path.display());
+    move |source| TrainError::Io { what, source }
+}

@@ -1,0 +1,288 @@
+//! What a run hands out: the synergy, the policy, and scenes that plain MuJoCo runs it in.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use eigenhand_hands::Hand;
+use eigenhand_rl::{Policy, TensorMap, rng};
+use eigenhand_sim::ffi::MuJoCo;
+use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry};
+use eigenhand_synergy::{ActuationMap, PostureDatabase, Synergy, SynergyFile};
+use serde::Serialize;
+
+use crate::config::RunConfig;
+use crate::files::{create_directory, write_atomically};
+use crate::run_dir::{read_config, read_provenance};
+use crate::trainer::{DATABASE, joint_infos, task_of};
+use crate::{Provenance, TrainError};
+
+const POLICY: &str = "policy.safetensors";
+const POLICY_TEXT: &str = "policy.toml";
+const SYNERGY: &str = "synergy";
+const SCENES: &str = "scenes";
+const REFERENCE: &str = "reference.json";
+
+/// Everything that the products are made of.
+pub(crate) struct Products<'a> {
+    pub hand: &'a Hand,
+    pub task: &'a Arc<GraspTask>,
+    pub config: &'a RunConfig,
+    pub provenance: &'a Provenance,
+    pub policy: &'a Policy,
+    /// Training episodes before the policy, where that is known.
+    pub policy_episode: Option<u64>,
+    pub synergy: Option<&'a Synergy>,
+    pub postures: &'a [Vec<f64>],
+}
+
+#[derive(Serialize)]
+struct PolicyRecord {
+    schema: u32,
+    hand: String,
+    hand_digest: String,
+    policy_episode: Option<u64>,
+    seed: u64,
+    lambda: f64,
+    control_period_s: f64,
+    substeps: usize,
+    episode_steps: usize,
+    success_distance_m: f64,
+    network: NetworkRecord,
+    normalizer: NormalizerRecord,
+    action: Vec<ActionRecord>,
+    observation: Vec<ObservationEntry>,
+    goal: Vec<ObservationEntry>,
+    start: StartRecord,
+}
+
+#[derive(Serialize)]
+struct NetworkRecord {
+    weights: &'static str,
+    input: &'static str,
+    hidden: Vec<usize>,
+    hidden_activation: &'static str,
+    output_activation: &'static str,
+}
+
+#[derive(Serialize)]
+struct NormalizerRecord {
+    formula: &'static str,
+    raw_clip: f32,
+    norm_clip: f32,
+}
+
+#[derive(Serialize)]
+struct ActionRecord {
+    actuator: String,
+    low: f64,
+    high: f64,
+}
+
+#[derive(Serialize)]
+struct StartRecord {
+    joints: BTreeMap<String, f64>,
+    ctrl: Vec<f64>,
+}
+
+/// First step of an episode in one scene, by which another program can check itself.
+#[derive(Serialize)]
+struct ReferenceStep {
+    object: String,
+    qpos: Vec<f64>,
+    desired_goal: [f32; GraspTask::GOAL_LEN],
+    observation: Vec<f32>,
+    action: Vec<f32>,
+    next_observation: Vec<f32>,
+}
+
+/// Writes `synergy/`, `policy.safetensors`, `policy.toml` and `scenes/` into a directory.
+pub(crate) fn write_products(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    create_directory(directory)?;
+    write_synergy(products, directory)?;
+    write_atomically(&directory.join(POLICY), &products.policy.export_tensors().save_bytes()?)?;
+    let path = directory.join(POLICY_TEXT);
+    let text = toml::to_string(&policy_record(products))
+        .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+    write_atomically(&path, text.as_bytes())?;
+    write_scenes(products, &directory.join(SCENES))
+}
+
+fn write_synergy(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    let Some(synergy) = products.synergy else { return Ok(()) };
+    let actuation = products.hand.actuation();
+    let (control_min, control_max) = products.task.control_ranges.iter().copied().unzip();
+    let file = SynergyFile {
+        hand: products.hand.manifest.name.clone(),
+        synergy: synergy.clone(),
+        actuation: Some(ActuationMap {
+            actuators: products.task.actuators.clone(),
+            control_min,
+            control_max,
+            matrix: actuation.matrix,
+            offset: actuation.offset,
+        }),
+        provenance: BTreeMap::from([
+            ("hand_digest".to_owned(), products.provenance.hand_digest.clone()),
+            ("lambda".to_owned(), products.config.lambda.to_string()),
+            ("seed".to_owned(), products.config.seed.to_string()),
+            ("preset".to_owned(), products.config.preset.name().to_owned()),
+            ("eigenhand_version".to_owned(), products.provenance.eigenhand_version.clone()),
+            ("git_revision".to_owned(), products.provenance.git_revision.clone()),
+            ("mujoco_version".to_owned(), products.provenance.mujoco_version.clone()),
+        ]),
+    };
+    Ok(eigenhand_synergy::export(directory.join(SYNERGY), &file, products.postures)?)
+}
+
+fn policy_record(products: &Products) -> PolicyRecord {
+    let (task, config) = (products.task, products.config);
+    let axis = |name: &str| ObservationEntry { name: format!("object:{name}"), unit: "m" };
+    PolicyRecord {
+        schema: 1,
+        hand: products.hand.manifest.name.clone(),
+        hand_digest: products.provenance.hand_digest.clone(),
+        policy_episode: products.policy_episode,
+        seed: config.seed,
+        lambda: config.lambda,
+        control_period_s: task.physics.control_period(),
+        substeps: task.physics.substeps,
+        episode_steps: task.config.steps,
+        success_distance_m: task.reward.success_distance,
+        network: NetworkRecord {
+            weights: "policy.safetensors: actor.{i}.weight (outputs x inputs), actor.{i}.bias",
+            input: "normalised observation, then normalised goal",
+            hidden: config.learner.hidden.clone(),
+            hidden_activation: "relu",
+            output_activation: "tanh",
+        },
+        normalizer: NormalizerRecord {
+            formula: "clip((clip(x, -raw_clip, raw_clip) - mean) / std, -norm_clip, norm_clip)",
+            raw_clip: config.learner.normalizer.raw_clip,
+            norm_clip: config.learner.normalizer.norm_clip,
+        },
+        action: task
+            .actuators
+            .iter()
+            .zip(&task.control_ranges)
+            .map(|(name, &(low, high))| ActionRecord { actuator: name.clone(), low, high })
+            .collect(),
+        observation: task.observation_layout(),
+        goal: ["x", "y", "z"].map(axis).to_vec(),
+        start: StartRecord { joints: products.hand.open_posture(), ctrl: task.start_controls().to_vec() },
+    }
+}
+
+/// Writes every scene with the files it names, and a first step in each.
+fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    create_directory(directory)?;
+    let task = products.task;
+    let mut env = GraspEnv::new(task)?;
+    let mut scratch = products.policy.scratch();
+    let mut steps = Vec::new();
+    for (index, scene) in task.scenes.iter().enumerate() {
+        let name = scene.object.name;
+        write_atomically(&directory.join(format!("{name}.xml")), scene.scene.xml.as_bytes())?;
+        for (file, bytes) in &scene.scene.assets {
+            write_atomically(&directory.join(file), bytes)?;
+        }
+        let mut random = rng::stream(products.config.seed, "reference", index as u64);
+        env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random)?;
+        let mut step = ReferenceStep {
+            object: name.to_owned(),
+            qpos: env.simulation().qpos().to_vec(),
+            desired_goal: env.desired_goal(),
+            observation: vec![0.0; task.observation_len()],
+            action: vec![0.0; task.action_len()],
+            next_observation: vec![0.0; task.observation_len()],
+        };
+        env.observe(&mut step.observation);
+        products.policy.act(&step.observation, &step.desired_goal, &mut scratch, &mut step.action);
+        env.step(&step.action)?;
+        env.observe(&mut step.next_observation);
+        steps.push(step);
+    }
+    let path = directory.join(REFERENCE);
+    let text = serde_json::to_string(&steps)
+        .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+    write_atomically(&path, text.as_bytes())
+}
+
+/// A run that was read from its directory.
+pub struct LoadedRun {
+    /// Its configuration.
+    pub config: RunConfig,
+    /// What it was made with.
+    pub provenance: Provenance,
+    /// Its hand.
+    pub hand: Hand,
+    /// Its task.
+    pub task: Arc<GraspTask>,
+    /// The policy it hands out.
+    pub policy: Policy,
+}
+
+impl LoadedRun {
+    /// Reads a run's configuration and policy; `hand` is the one that the configuration names.
+    ///
+    /// # Errors
+    /// [`TrainError::NotARun`] when there is no policy yet, [`TrainError::Damaged`] when a file cannot be read.
+    pub fn read(run: &Path, hand: Hand, library: &Arc<MuJoCo>) -> Result<LoadedRun, TrainError> {
+        let config = read_config(run)?;
+        let provenance = read_provenance(run)?;
+        let task = task_of(&config, &hand, library)?;
+        let path = run.join(POLICY);
+        let damaged = |reason: String| TrainError::Damaged {
+            path: path.clone(),
+            reason,
+            mend: format!("write it again with: cargo xtask train --resume {}", run.display()),
+        };
+        if !path.is_file() {
+            return Err(TrainError::NotARun {
+                path: run.to_owned(),
+                reason: format!(
+                    "it holds no {POLICY} yet; finish it with: cargo xtask train --resume {}",
+                    run.display()
+                ),
+            });
+        }
+        let bytes = std::fs::read(&path).map_err(|error| damaged(error.to_string()))?;
+        let tensors = TensorMap::load_bytes(&bytes).map_err(|error| damaged(error.to_string()))?;
+        let policy =
+            Policy::import_tensors(&tensors, &config.learner.normalizer).map_err(|error| damaged(error.to_string()))?;
+        let expected = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
+        let found = (policy.obs_dim(), policy.goal_dim(), policy.act_dim());
+        if expected != found {
+            return Err(damaged(format!(
+                "it takes {} + {} numbers and gives {}, but the hand {} needs {} + {} and {}",
+                found.0, found.1, found.2, hand.manifest.name, expected.0, expected.1, expected.2
+            )));
+        }
+        Ok(LoadedRun { config, provenance, hand, task, policy })
+    }
+
+    /// Writes the synergy of the run's postures, the policy and the scenes into a directory.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`] for the posture database, [`TrainError::Io`] for the directory.
+    pub fn export(&self, run: &Path, out: &Path) -> Result<(), TrainError> {
+        let database = PostureDatabase::open_existing(run.join(DATABASE))?;
+        let postures = database.postures()?;
+        let synergy = if postures.len() > self.config.synergy.components {
+            Some(Synergy::fit(&joint_infos(&self.task), &postures, self.config.synergy.components)?)
+        } else {
+            None
+        };
+        let products = Products {
+            hand: &self.hand,
+            task: &self.task,
+            config: &self.config,
+            provenance: &self.provenance,
+            policy: &self.policy,
+            policy_episode: None,
+            synergy: synergy.as_ref(),
+            postures: &postures,
+        };
+        write_products(&products, out)
+    }
+}

@@ -1,0 +1,144 @@
+//! What a person sees while a run trains.
+
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// State of a run, as progress shows it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Status {
+    /// Training episodes so far.
+    pub episodes: u64,
+    /// Training episodes in all.
+    pub total: u64,
+    /// Success rate of the last noise-free training episodes.
+    pub recent_success: Option<f64>,
+    /// Success rate of the last evaluation.
+    pub evaluated: Option<f64>,
+    /// Postures in the database.
+    pub postures: u64,
+    /// Sum of the contribution rates.
+    pub contribution_sum: Option<f64>,
+    /// Environment steps a second, over the last seconds.
+    pub steps_per_s: f64,
+    /// Episodes that diverged.
+    pub diverged: u64,
+}
+
+impl Status {
+    fn line(&self) -> String {
+        let percent = |rate: Option<f64>| rate.map_or_else(|| "-".to_owned(), |r| format!("{:.0} %", 100.0 * r));
+        let mut line = format!(
+            "success {} (evaluated {}), postures {}, contribution {}, {:.0} steps/s",
+            percent(self.recent_success),
+            percent(self.evaluated),
+            self.postures,
+            self.contribution_sum.map_or_else(|| "-".to_owned(), |sum| format!("{sum:.3}")),
+            self.steps_per_s,
+        );
+        if self.diverged > 0 {
+            line.push_str(&format!(", diverged {}", self.diverged));
+        }
+        line
+    }
+}
+
+/// Where progress goes.
+pub trait Progress {
+    /// Takes the present state; called at least once a cycle.
+    fn update(&mut self, status: &Status);
+    /// Shows a line that stays.
+    fn note(&mut self, line: &str);
+    /// Ends the display.
+    fn finish(&mut self) {}
+}
+
+/// A bar, for a terminal.
+pub struct Bar {
+    bar: ProgressBar,
+}
+
+impl Bar {
+    /// Starts a bar on standard error.
+    pub fn new() -> Bar {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(4));
+        let template = "{elapsed_precise} {bar:24.cyan/dim} {pos}/{len} episodes, {eta} left\n{msg}";
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style);
+        }
+        Bar { bar }
+    }
+}
+
+impl Default for Bar {
+    fn default() -> Self {
+        Bar::new()
+    }
+}
+
+impl Progress for Bar {
+    fn update(&mut self, status: &Status) {
+        if self.bar.length() != Some(status.total) {
+            self.bar.set_length(status.total);
+            self.bar.set_position(status.episodes);
+            // Time left is reckoned from here, also when a run is resumed.
+            self.bar.reset_eta();
+        }
+        self.bar.set_position(status.episodes);
+        self.bar.set_message(status.line());
+    }
+
+    fn note(&mut self, line: &str) {
+        self.bar.suspend(|| eprintln!("{line}"));
+    }
+
+    fn finish(&mut self) {
+        self.bar.finish();
+    }
+}
+
+/// Plain lines on standard error, for a log or a pipe.
+pub struct Lines {
+    started: Option<(Instant, u64)>,
+    shown: Option<Instant>,
+    every: Duration,
+}
+
+impl Lines {
+    /// Shows a line at most once in `every`.
+    pub fn new(every: Duration) -> Lines {
+        Lines { started: None, shown: None, every }
+    }
+}
+
+impl Progress for Lines {
+    fn update(&mut self, status: &Status) {
+        let now = Instant::now();
+        let (started, first) = *self.started.get_or_insert((now, status.episodes));
+        if self.shown.is_some_and(|shown| now - shown < self.every) && status.episodes < status.total {
+            return;
+        }
+        self.shown = Some(now);
+        let done = status.episodes.saturating_sub(first);
+        let left = if done == 0 {
+            "-".to_owned()
+        } else {
+            let each = (now - started).as_secs_f64() / done as f64;
+            let seconds = (each * status.total.saturating_sub(status.episodes) as f64).round() as u64;
+            format!("{}:{:02}", seconds / 60, seconds % 60)
+        };
+        eprintln!("episode {}/{}, {left} left: {}", status.episodes, status.total, status.line());
+    }
+
+    fn note(&mut self, line: &str) {
+        eprintln!("{line}");
+    }
+}
+
+/// Shows nothing.
+pub struct Silent;
+
+impl Progress for Silent {
+    fn update(&mut self, _status: &Status) {}
+    fn note(&mut self, _line: &str) {}
+}

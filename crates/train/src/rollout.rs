@@ -1,0 +1,241 @@
+//! Episodes: one, and many on worker threads.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use crossbeam_channel::{Receiver, Sender, unbounded};
+use eigenhand_rl::{EpisodeData, EpisodeShape, Exploration, ExplorationConfig, Policy, PolicyScratch, rng};
+use eigenhand_sim::ffi::WarningCounts;
+use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, SimError, StepFacts};
+use rand::RngExt;
+
+use crate::TrainError;
+
+/// How an episode acts.
+#[derive(Clone)]
+pub enum Behaviour {
+    /// The policy alone.
+    Greedy,
+    /// The policy with noise, except in a share of the episodes.
+    Explore(Arc<ExplorationConfig>),
+    /// Held random actions.
+    Warmup(Arc<ExplorationConfig>),
+}
+
+/// An episode to simulate. It is a pure function of this value and the task.
+#[derive(Clone)]
+pub struct EpisodeJob {
+    /// Seed of the run.
+    pub seed: u64,
+    /// Name of the family of random streams.
+    pub stream: &'static str,
+    /// Number of the episode in that family.
+    pub index: u64,
+    /// Index of the scene; drawn at random when there is none.
+    pub scene: Option<usize>,
+    /// Range of goal heights in m.
+    pub goal_height: [f64; 2],
+    /// Who acts.
+    pub policy: Policy,
+    /// How.
+    pub behaviour: Behaviour,
+}
+
+/// A simulated episode.
+#[derive(Clone, Debug)]
+pub struct Episode {
+    /// Number of the episode in its family.
+    pub index: u64,
+    /// Index of the scene.
+    pub scene: usize,
+    /// Whether the last steps all succeeded.
+    pub success: bool,
+    /// Whether the simulation diverged; then nothing below is of use.
+    pub diverged: bool,
+    /// Whether the policy acted alone.
+    pub greedy: bool,
+    /// Everything that replay stores, but the rewards, which need the current synergy.
+    pub data: EpisodeData,
+    /// Values of the posture's joints at the end, in rad and m.
+    pub posture: Vec<f64>,
+    /// Distance from object to goal at the end, in m.
+    pub final_distance: f64,
+    /// Deepest penetration between object and hand in the last steps, in m.
+    pub penetration: f64,
+    /// What MuJoCo warned of.
+    pub warnings: WarningCounts,
+}
+
+/// Returns the sizes of a task's episodes.
+pub fn episode_shape(task: &GraspTask) -> EpisodeShape {
+    EpisodeShape {
+        n_steps: task.config.steps,
+        obs_dim: task.observation_len(),
+        goal_dim: GraspTask::GOAL_LEN,
+        act_dim: task.action_len(),
+        fact_dim: StepFacts::LEN,
+    }
+}
+
+/// Simulates one episode.
+///
+/// # Errors
+/// [`TrainError::Sim`] for anything but divergence, which is reported in the episode.
+pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &EpisodeJob) -> Result<Episode, TrainError> {
+    let task = Arc::clone(env.task());
+    let shape = episode_shape(&task);
+    let mut env_rng = rng::stream(job.seed, &format!("{}/env", job.stream), job.index);
+    let mut explore_rng = rng::stream(job.seed, &format!("{}/explore", job.stream), job.index);
+    let scene = job.scene.unwrap_or_else(|| env_rng.random_range(0..task.scenes.len()));
+    let (mut exploration, greedy) = match &job.behaviour {
+        Behaviour::Greedy => (Exploration::none(), true),
+        Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim, &mut explore_rng), false),
+        Behaviour::Explore(config) => {
+            if explore_rng.random::<f32>() < config.noise_free_share {
+                (Exploration::none(), true)
+            } else {
+                (Exploration::noisy(config, shape.act_dim, &mut explore_rng), false)
+            }
+        }
+    };
+    let mut episode = Episode {
+        index: job.index,
+        scene,
+        success: false,
+        diverged: false,
+        greedy,
+        data: EpisodeData::zeros(shape),
+        posture: vec![0.0; task.posture_joints.len()],
+        final_distance: f64::NAN,
+        penetration: 0.0,
+        warnings: WarningCounts::default(),
+    };
+    let outcome = play(env, scratch, job, scene, &mut env_rng, &mut explore_rng, &mut exploration, &mut episode);
+    episode.warnings = env.warnings();
+    match outcome {
+        Ok(()) => Ok(episode),
+        Err(SimError::Diverged { .. }) => Ok(Episode { diverged: true, success: false, ..episode }),
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[allow(clippy::too_many_arguments)]
+fn play(
+    env: &mut GraspEnv,
+    scratch: &mut PolicyScratch,
+    job: &EpisodeJob,
+    scene: usize,
+    env_rng: &mut rand_chacha::ChaCha8Rng,
+    explore_rng: &mut rand_chacha::ChaCha8Rng,
+    exploration: &mut Exploration,
+    episode: &mut Episode,
+) -> Result<(), SimError> {
+    let task = Arc::clone(env.task());
+    let EpisodeShape { n_steps, obs_dim, goal_dim, act_dim, fact_dim } = episode.data.shape;
+    let data = &mut episode.data;
+    env.reset(EpisodeSetup { scene, goal_height: job.goal_height }, env_rng)?;
+    let goal = env.desired_goal();
+    data.desired_goal.copy_from_slice(&goal);
+    env.observe(&mut data.observations[..obs_dim]);
+    data.achieved_goals[..goal_dim].copy_from_slice(&env.achieved_goal());
+    let mut succeeded_in_a_row = 0;
+    for t in 0..n_steps {
+        let action = &mut data.actions[t * act_dim..(t + 1) * act_dim];
+        job.policy.act(&data.observations[t * obs_dim..(t + 1) * obs_dim], &goal, scratch, action);
+        exploration.apply(action, explore_rng);
+        let facts = env.step(action)?;
+        env.observe(&mut data.observations[(t + 1) * obs_dim..(t + 2) * obs_dim]);
+        let achieved = env.achieved_goal();
+        data.achieved_goals[(t + 1) * goal_dim..(t + 2) * goal_dim].copy_from_slice(&achieved);
+        data.facts[t * fact_dim..(t + 1) * fact_dim].copy_from_slice(&facts.to_array());
+        succeeded_in_a_row = if task.reward.succeeds(&achieved, &goal, facts) { succeeded_in_a_row + 1 } else { 0 };
+        if t + task.config.final_steps >= n_steps {
+            episode.penetration = episode.penetration.max(facts.penetration);
+        }
+    }
+    episode.success = succeeded_in_a_row >= task.config.final_steps;
+    env.posture(&mut episode.posture);
+    let squared: f64 = env.achieved_goal().iter().zip(goal).map(|(a, d)| f64::from(a - d).powi(2)).sum();
+    episode.final_distance = squared.sqrt();
+    Ok(())
+}
+
+/// Threads that simulate episodes, each in an environment of its own.
+pub struct WorkerPool {
+    jobs: Option<Sender<EpisodeJob>>,
+    results: Receiver<Result<Episode, TrainError>>,
+    threads: Vec<JoinHandle<()>>,
+    pending: usize,
+}
+
+impl WorkerPool {
+    /// Starts `count` threads.
+    ///
+    /// # Errors
+    /// [`TrainError::Sim`] when an environment cannot be allocated, [`TrainError::Io`] when a thread cannot start.
+    pub fn new(task: &Arc<GraspTask>, count: usize) -> Result<WorkerPool, TrainError> {
+        let (jobs, inbox) = unbounded::<EpisodeJob>();
+        let (outbox, results) = unbounded();
+        let mut threads = Vec::with_capacity(count);
+        for number in 0..count.max(1) {
+            let mut env = GraspEnv::new(task)?;
+            let (inbox, outbox) = (inbox.clone(), outbox.clone());
+            let body = move || {
+                let mut scratch: Option<PolicyScratch> = None;
+                for job in inbox {
+                    let scratch = scratch.get_or_insert_with(|| job.policy.scratch());
+                    // A panic is a defect; it must reach `collect` rather than leave it waiting.
+                    let outcome = catch_unwind(AssertUnwindSafe(|| run_episode(&mut env, scratch, &job)))
+                        .unwrap_or(Err(TrainError::WorkerLost));
+                    if outbox.send(outcome).is_err() {
+                        break;
+                    }
+                }
+            };
+            let thread = std::thread::Builder::new()
+                .name(format!("simulation-{number}"))
+                .spawn(body)
+                .map_err(|source| TrainError::Io { what: "start a simulation thread".to_owned(), source })?;
+            threads.push(thread);
+        }
+        Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0 })
+    }
+
+    /// Hands episodes to the threads.
+    ///
+    /// # Errors
+    /// [`TrainError::WorkerLost`] when every thread has ended.
+    pub fn submit(&mut self, jobs: impl IntoIterator<Item = EpisodeJob>) -> Result<(), TrainError> {
+        for job in jobs {
+            self.jobs.as_ref().and_then(|sender| sender.send(job).ok()).ok_or(TrainError::WorkerLost)?;
+            self.pending += 1;
+        }
+        Ok(())
+    }
+
+    /// Waits for every episode handed in, and returns them in the order of their numbers.
+    ///
+    /// # Errors
+    /// The first error of a thread; [`TrainError::WorkerLost`] when one ended.
+    pub fn collect(&mut self) -> Result<Vec<Episode>, TrainError> {
+        let mut episodes = Vec::with_capacity(self.pending);
+        while self.pending > 0 {
+            let episode = self.results.recv().map_err(|_| TrainError::WorkerLost)?;
+            self.pending -= 1;
+            episodes.push(episode?);
+        }
+        episodes.sort_by_key(|episode| episode.index);
+        Ok(episodes)
+    }
+}
+
+impl Drop for WorkerPool {
+    fn drop(&mut self) {
+        self.jobs = None;
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has been noticed by `collect`; there is nothing left to save in it.
+            let _ = thread.join();
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The run directory: names, creation, and the lock that keeps a second process out.
+
+use std::fs::{File, OpenOptions, TryLockError};
+use std::path::{Path, PathBuf};
+
+use crate::config::RunConfig;
+use crate::error::io_error;
+use crate::files::{create_directory, write_atomically};
+use crate::{Provenance, TrainError};
+
+const CONFIG: &str = "config.toml";
+const PROVENANCE: &str = "provenance.toml";
+const LOCK: &str = ".lock";
+
+/// A run directory that this process alone writes to.
+pub struct RunDirectory {
+    path: PathBuf,
+    _lock: File,
+}
+
+impl RunDirectory {
+    /// Creates a new run directory with its configuration and provenance.
+    ///
+    /// Without `out` it is `runs/<hand>-<preset>-l<lambda>-s<seed>-<n>` for the first `n` that is free.
+    ///
+    /// # Errors
+    /// [`TrainError::RunExists`] when `out` exists and is not empty; [`TrainError::Io`] when it cannot be written.
+    pub fn create(out: Option<&Path>, config: &RunConfig, provenance: &Provenance) -> Result<RunDirectory, TrainError> {
+        let path = match out {
+            Some(path) => {
+                let occupied = path.read_dir().is_ok_and(|mut entries| entries.next().is_some());
+                if occupied || path.is_file() {
+                    return Err(TrainError::RunExists { path: path.to_owned() });
+                }
+                create_directory(path)?;
+                path.to_owned()
+            }
+            None => first_free(Path::new("runs"), config, &provenance.hand)?,
+        };
+        let run = RunDirectory { _lock: lock(&path)?, path };
+        write_atomically(&run.file(CONFIG), config.to_toml()?.as_bytes())?;
+        write_atomically(&run.file(PROVENANCE), provenance.to_toml(&run.file(PROVENANCE))?.as_bytes())?;
+        Ok(run)
+    }
+
+    /// Opens a run directory to continue the run in it.
+    ///
+    /// # Errors
+    /// [`TrainError::NotARun`] when it holds no configuration, [`TrainError::Locked`] when a process writes to it.
+    pub fn open(path: &Path) -> Result<RunDirectory, TrainError> {
+        require_run(path)?;
+        Ok(RunDirectory { _lock: lock(path)?, path: path.to_owned() })
+    }
+
+    /// Returns the directory.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Returns the path of a file in the directory.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    /// Reads the run's configuration.
+    ///
+    /// # Errors
+    /// As [`read_config`].
+    pub fn config(&self) -> Result<RunConfig, TrainError> {
+        read_config(&self.path)
+    }
+}
+
+/// Reads the configuration of the run in a directory.
+///
+/// # Errors
+/// [`TrainError::NotARun`] when there is none, [`TrainError::Config`] when it is not valid.
+pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
+    require_run(path)?;
+    Ok(RunConfig::read(&path.join(CONFIG))?)
+}
+
+/// Reads the provenance of the run in a directory.
+///
+/// # Errors
+/// [`TrainError::Damaged`] when it is missing or not valid.
+pub fn read_provenance(path: &Path) -> Result<Provenance, TrainError> {
+    Provenance::read(&path.join(PROVENANCE))
+}
+
+fn require_run(path: &Path) -> Result<(), TrainError> {
+    let reason = if !path.exists() {
+        "there is no such directory"
+    } else if !path.join(CONFIG).is_file() {
+        "it holds no config.toml"
+    } else {
+        return Ok(());
+    };
+    Err(TrainError::NotARun { path: path.to_owned(), reason: reason.to_owned() })
+}
+
+fn first_free(parent: &Path, config: &RunConfig, hand: &str) -> Result<PathBuf, TrainError> {
+    create_directory(parent)?;
+    let stem = format!("{hand}-{}-l{}-s{}", config.preset.name(), config.lambda, config.seed);
+    for n in 1u32.. {
+        let path = parent.join(format!("{stem}-{n}"));
+        match std::fs::create_dir(&path) {
+            Ok(()) => return Ok(path),
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(source) => return Err(io_error("create the directory", &path)(source)),
+        }
+    }
+    Err(TrainError::RunExists { path: parent.join(stem) })
+}
+
+fn lock(directory: &Path) -> Result<File, TrainError> {
+    let path = directory.join(LOCK);
+    let file = OpenOptions::new()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(&path)
+        .map_err(io_error("write to the run directory", directory))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(TrainError::Locked { path: directory.to_owned() }),
+        Err(TryLockError::Error(source)) => Err(io_error("lock", &path)(source)),
+    }
+}

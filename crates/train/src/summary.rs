@@ -1,0 +1,90 @@
+//! `summary.json`: a run in numbers.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use eigenhand_sim::ffi::WarningCounts;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::files::write_atomically;
+
+/// Name of the file in a run directory.
+pub const SUMMARY: &str = "summary.json";
+
+/// Why a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StoppedBy {
+    /// All its episodes were trained.
+    Episodes,
+    /// The user interrupted it; it can be resumed.
+    Interrupt,
+}
+
+/// What a run reached.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Version of these keys.
+    pub schema: u32,
+    /// Name of the hand.
+    pub hand: String,
+    /// Preset.
+    pub preset: String,
+    /// Weight of the approximation error.
+    pub lambda: f64,
+    /// Seed.
+    pub seed: u64,
+    /// Training episodes.
+    pub episodes: u64,
+    /// Control steps in training.
+    pub env_steps: u64,
+    /// Minibatches learned from.
+    pub updates: u64,
+    /// Wall time in s, evaluations included.
+    pub wall_s: f64,
+    /// Share of the final evaluation's episodes that succeeded; null when the run was interrupted before it.
+    pub success_rate: Option<f64>,
+    /// The same for each object.
+    pub success_rate_per_object: BTreeMap<String, f64>,
+    /// Episodes of the final evaluation.
+    pub eval_episodes: u64,
+    /// Mean over the final evaluation's successes of the deepest penetration between object and hand, in m.
+    pub mean_penetration_m: Option<f64>,
+    /// Training episodes before the policy that was kept.
+    pub policy_episode: u64,
+    /// Success rate at the last evaluation during training.
+    pub last_evaluation: Option<f64>,
+    /// Postures in the database.
+    pub n_postures: u64,
+    /// Contribution rate of each component.
+    pub contribution: Vec<f64>,
+    /// Their sum.
+    pub contribution_sum: Option<f64>,
+    /// Mean approximation error over the database, in joint space.
+    pub mean_error_rad: Option<f64>,
+    /// Training episodes whose simulation diverged; they were discarded.
+    pub diverged_episodes: u64,
+    /// Steps with a full contact or constraint buffer or a bad inertia in training.
+    pub buffer_warnings: u64,
+    /// What MuJoCo warned of in the final evaluation.
+    pub eval_warnings: WarningCounts,
+    /// Version of MuJoCo.
+    pub mujoco_version: String,
+    /// Why the run ended.
+    pub stopped_by: StoppedBy,
+}
+
+impl Summary {
+    /// Writes the file into a run directory.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`].
+    pub fn write(&self, run: &Path) -> Result<(), TrainError> {
+        let path = run.join(SUMMARY);
+        let mut text = serde_json::to_string_pretty(self)
+            .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+        text.push('\n');
+        write_atomically(&path, text.as_bytes())
+    }
+}

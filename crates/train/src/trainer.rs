@@ -1,0 +1,562 @@
+//! The training loop.
+//!
+//! A cycle stores the episodes that the workers simulated meanwhile, hands them the next ones with the
+//! present policy, and learns while they run. So rollouts overlap with learning, act with a policy that
+//! is one cycle old, and depend on nothing but seed and configuration.
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Instant;
+
+use eigenhand_hands::Hand;
+use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Policy, Replay, UpdateStats, Which, rng, sample_batch};
+use eigenhand_sim::GraspTask;
+use eigenhand_sim::ffi::MuJoCo;
+use eigenhand_synergy::{Feedback, JointInfo, PostureDatabase, PostureRecord, RunningCovariance, Synergy, Unit};
+
+use crate::checkpoint::{Checkpoints, Counters};
+use crate::config::{ActorChoice, RunConfig};
+use crate::evaluation::{Evaluation, EvaluationStream, evaluate};
+use crate::metrics::{MetricsFile, Row};
+use crate::progress::{Progress, Status};
+use crate::reward::GraspReward;
+use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
+use crate::run_dir::RunDirectory;
+use crate::summary::{StoppedBy, Summary};
+use crate::{Provenance, TrainError, export};
+
+/// Name of the posture database in a run directory.
+pub(crate) const DATABASE: &str = "postures.sqlite";
+/// Noise-free training episodes over which recent success is reported.
+const RECENT: usize = 50;
+
+/// Builds the grasp task that a configuration describes.
+///
+/// # Errors
+/// [`TrainError::Sim`].
+pub fn task_of(config: &RunConfig, hand: &Hand, library: &Arc<MuJoCo>) -> Result<Arc<GraspTask>, TrainError> {
+    Ok(Arc::new(GraspTask::new(
+        library,
+        hand,
+        &config.objects,
+        config.task.clone(),
+        config.physics.clone(),
+        config.reward.clone(),
+    )?))
+}
+
+/// Returns the posture's joints as the synergy names them.
+pub(crate) fn joint_infos(task: &GraspTask) -> Vec<JointInfo> {
+    task.posture_joints
+        .iter()
+        .map(|joint| {
+            let (lower, upper) = joint.range.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+            JointInfo {
+                name: joint.name.clone(),
+                unit: Unit::from_symbol(joint.unit).unwrap_or(Unit::Radian),
+                lower,
+                upper,
+            }
+        })
+        .collect()
+}
+
+struct Best {
+    success_rate: f64,
+    episode: u64,
+    policy: Policy,
+}
+
+/// Means over the updates since the last evaluation.
+#[derive(Default)]
+struct UpdateMeans {
+    count: f64,
+    critic_loss: f64,
+    actor_loss: f64,
+    q: f64,
+    target: f64,
+}
+
+impl UpdateMeans {
+    fn add(&mut self, stats: &UpdateStats) {
+        self.count += 1.0;
+        self.critic_loss += f64::from(stats.critic_loss);
+        self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
+        self.q += f64::from(stats.q_mean);
+        self.target += f64::from(stats.target_mean);
+    }
+}
+
+/// A run that trains.
+pub struct Trainer {
+    config: RunConfig,
+    provenance: Provenance,
+    hand: Hand,
+    task: Arc<GraspTask>,
+    run: RunDirectory,
+    pool: WorkerPool,
+    learner: Ddpg,
+    replay: Replay,
+    batch: Batch,
+    reward: GraspReward,
+    exploration: Arc<ExplorationConfig>,
+    joints: Vec<JointInfo>,
+    covariance: RunningCovariance,
+    database: PostureDatabase,
+    checkpoints: Checkpoints,
+    metrics: MetricsFile,
+    counters: Counters,
+    best: Option<Best>,
+    recent: VecDeque<bool>,
+    last_evaluation: Option<f64>,
+    means: UpdateMeans,
+    started: Instant,
+}
+
+impl Trainer {
+    /// Prepares a new run in a directory that [`RunDirectory::create`] made.
+    ///
+    /// # Errors
+    /// Anything that is wrong with the configuration, the hand or the directory.
+    pub fn create(
+        config: RunConfig,
+        provenance: Provenance,
+        hand: Hand,
+        task: Arc<GraspTask>,
+        run: RunDirectory,
+    ) -> Result<Trainer, TrainError> {
+        let mut init = rng::stream(config.seed, "init", 0);
+        let learner = Ddpg::new(
+            config.learner.clone(),
+            task.observation_len(),
+            GraspTask::GOAL_LEN,
+            task.action_len(),
+            &mut init,
+        )?;
+        let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
+        Trainer::assemble(config, provenance, hand, task, run, learner, checkpoints)
+    }
+
+    /// Continues the run in a directory from its newest checkpoint, as if it had not stopped.
+    ///
+    /// # Errors
+    /// [`TrainError::Damaged`] when a file of the checkpoint is, besides those of [`create`](Self::create).
+    pub fn resume(
+        config: RunConfig,
+        provenance: Provenance,
+        hand: Hand,
+        task: Arc<GraspTask>,
+        run: RunDirectory,
+    ) -> Result<Trainer, TrainError> {
+        let (checkpoints, restored) = Checkpoints::open(run.path(), config.training.checkpoints_kept)?;
+        let learner = Ddpg::from_tensors(
+            config.learner.clone(),
+            task.observation_len(),
+            GraspTask::GOAL_LEN,
+            task.action_len(),
+            &restored.learner,
+        )?;
+        let mut trainer = Trainer::assemble(config, provenance, hand, task, run, learner, checkpoints)?;
+        for episode in restored.episodes {
+            trainer.replay.push(episode)?;
+        }
+        trainer.counters = restored.counters;
+        let episodes = trainer.counters.episodes;
+        trainer.metrics = MetricsFile::open(trainer.run.path(), episodes)?;
+        trainer.database.truncate_from_episode(episodes)?;
+        for posture in trainer.database.postures()? {
+            trainer.covariance.push(&posture)?;
+        }
+        if trainer.covariance.count() as u64 != trainer.counters.postures {
+            return Err(TrainError::Damaged {
+                path: trainer.run.file(DATABASE),
+                reason: format!(
+                    "it holds {} postures up to episode {episodes}, but the checkpoint counts {}",
+                    trainer.covariance.count(),
+                    trainer.counters.postures
+                ),
+                mend: "restore the file as it was, or train again with another --out".to_owned(),
+            });
+        }
+        trainer.refit()?;
+        if let (Some(tensors), Some(success_rate), Some(episode)) =
+            (restored.best, trainer.counters.best_success_rate, trainer.counters.best_episode)
+        {
+            let policy = Policy::import_tensors(&tensors, &trainer.config.learner.normalizer)?;
+            trainer.best = Some(Best { success_rate, episode, policy });
+        }
+        Ok(trainer)
+    }
+
+    fn assemble(
+        config: RunConfig,
+        provenance: Provenance,
+        hand: Hand,
+        task: Arc<GraspTask>,
+        run: RunDirectory,
+        learner: Ddpg,
+        checkpoints: Checkpoints,
+    ) -> Result<Trainer, TrainError> {
+        let shape = episode_shape(&task);
+        let joints = joint_infos(&task);
+        let mut exploration = config.exploration.clone();
+        if exploration.hold_scale.is_empty() && config.training.slide_hold != 1.0 {
+            exploration.hold_scale = task
+                .actuators
+                .iter()
+                .map(|name| if *name == hand.manifest.slide.name { config.training.slide_hold } else { 1.0 })
+                .collect();
+        }
+        exploration.validate(shape.act_dim)?;
+        Ok(Trainer {
+            pool: WorkerPool::new(&task, config.worker_count())?,
+            replay: Replay::new(config.training.replay_episodes, shape)?,
+            batch: Batch::new(config.learner.batch_size, shape),
+            reward: GraspReward {
+                config: config.reward.clone(),
+                n_joints: joints.len(),
+                feedback: Feedback::new(&config.penalty()),
+            },
+            covariance: RunningCovariance::new(joints.len()),
+            database: PostureDatabase::open(run.file(DATABASE), &joints)?,
+            metrics: MetricsFile::open(run.path(), 0)?,
+            exploration: Arc::new(exploration),
+            joints,
+            counters: Counters::default(),
+            best: None,
+            recent: VecDeque::with_capacity(RECENT),
+            last_evaluation: None,
+            means: UpdateMeans::default(),
+            started: Instant::now(),
+            config,
+            provenance,
+            hand,
+            task,
+            run,
+            learner,
+            checkpoints,
+        })
+    }
+
+    /// Trains until all episodes are done or `stop` is set, then evaluates and exports.
+    ///
+    /// # Errors
+    /// What stopped the run; the newest checkpoint stays valid.
+    pub fn run(mut self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
+        let before = self.counters.wall_s;
+        self.started = Instant::now();
+        let mut saved_at = self.counters.episodes;
+        progress.update(&self.status(0.0));
+        let mut submitted = self.counters.episodes;
+        submitted = self.submit(submitted)?;
+        while self.counters.episodes < self.config.episodes {
+            let (cycle_started, first_step) = (Instant::now(), self.counters.env_steps);
+            let episodes = self.pool.collect()?;
+            let previous = self.counters.episodes;
+            self.store(episodes)?;
+            self.counters.wall_s = before + self.started.elapsed().as_secs_f64();
+            let done = self.counters.episodes;
+            let total = self.config.episodes;
+            let crossed = |every: u64| previous / every != done / every || done == total;
+            if crossed(self.config.evaluation.every) {
+                self.evaluate_periodically(progress)?;
+            }
+            let interrupted = stop.load(Ordering::Relaxed);
+            if crossed(self.config.training.checkpoint_every) || interrupted {
+                self.save()?;
+                saved_at = done;
+            }
+            if interrupted {
+                progress.note("interrupted: everything is saved");
+                break;
+            }
+            submitted = self.submit(submitted)?;
+            self.learn()?;
+            let seconds = cycle_started.elapsed().as_secs_f64();
+            progress.update(&self.status((self.counters.env_steps - first_step) as f64 / seconds));
+        }
+        if saved_at != self.counters.episodes {
+            self.save()?;
+        }
+        progress.finish();
+        self.finish(stop, before)
+    }
+
+    /// Hands the next cycle's episodes to the workers.
+    fn submit(&mut self, first: u64) -> Result<u64, TrainError> {
+        let policy = self.learner.policy(which(self.config.training.rollout_actor));
+        let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
+        let jobs: Vec<EpisodeJob> = (first..last)
+            .map(|index| EpisodeJob {
+                seed: self.config.seed,
+                stream: "train",
+                index,
+                scene: None,
+                goal_height: self.config.task.training_goal_height,
+                policy: policy.clone(),
+                behaviour: if index < self.config.training.warmup_episodes {
+                    Behaviour::Warmup(Arc::clone(&self.exploration))
+                } else {
+                    Behaviour::Explore(Arc::clone(&self.exploration))
+                },
+            })
+            .collect();
+        self.pool.submit(jobs)?;
+        Ok(last)
+    }
+
+    /// Takes a cycle's episodes into replay, normalisers, posture database and synergy.
+    fn store(&mut self, episodes: Vec<Episode>) -> Result<(), TrainError> {
+        let mut postures = Vec::new();
+        for mut episode in episodes {
+            self.counters.episodes += 1;
+            self.counters.count_warnings(episode.warnings);
+            if episode.diverged {
+                self.counters.diverged += 1;
+                continue;
+            }
+            self.counters.env_steps += episode.data.shape.n_steps as u64;
+            self.counters.updates_owed += self.config.training.updates_per_episode;
+            if episode.greedy {
+                if self.recent.len() == RECENT {
+                    self.recent.pop_front();
+                }
+                self.recent.push_back(episode.success);
+            }
+            self.reward.judge(&mut episode.data);
+            self.learner.update_normalizers(&episode.data.observations, &episode.data.achieved_goals);
+            self.learner.update_normalizers(&[], &episode.data.desired_goal);
+            self.checkpoints.append(&episode.data)?;
+            if episode.success {
+                let goal = &episode.data.desired_goal;
+                postures.push(PostureRecord {
+                    posture: episode.posture,
+                    object: self.task.scenes[episode.scene].object.name.to_owned(),
+                    episode: episode.index,
+                    lambda: self.config.lambda,
+                    seed: self.config.seed,
+                    goal: [f64::from(goal[0]), f64::from(goal[1]), f64::from(goal[2])],
+                    step: episode.data.shape.n_steps as u32,
+                });
+            }
+            self.replay.push(episode.data)?;
+        }
+        if postures.is_empty() {
+            return Ok(());
+        }
+        self.database.insert_all(&postures)?;
+        self.counters.postures += postures.len() as u64;
+        for record in &postures {
+            self.covariance.push(&record.posture)?;
+        }
+        self.refit()
+    }
+
+    /// Computes the synergy of the postures so far.
+    fn refit(&mut self) -> Result<(), TrainError> {
+        if self.covariance.count() > self.config.synergy.components {
+            let synergy = Synergy::from_covariance(&self.joints, &self.covariance, self.config.synergy.components)?;
+            self.reward.feedback.synergy = Some(Arc::new(synergy));
+        }
+        Ok(())
+    }
+
+    /// Learns as many minibatches as the episodes so far allow.
+    fn learn(&mut self) -> Result<(), TrainError> {
+        if self.counters.episodes < self.config.training.warmup_episodes || self.replay.is_empty() {
+            return Ok(());
+        }
+        self.set_learning_rates();
+        while self.counters.updates_owed >= 1.0 {
+            self.counters.updates_owed -= 1.0;
+            let mut random = rng::stream(self.config.seed, "replay", self.counters.updates);
+            sample_batch(&self.replay, &self.config.her, &mut random, &self.reward, &mut self.batch)?;
+            let stats = self.learner.update(&self.batch, &mut random);
+            self.means.add(&stats);
+            self.counters.updates += 1;
+        }
+        Ok(())
+    }
+
+    fn set_learning_rates(&mut self) {
+        let t = &self.config.training;
+        let done = self.counters.episodes as f64 / self.config.episodes as f64;
+        let decayed = ((done - t.decay_start) / (1.0 - t.decay_start).max(f64::EPSILON)).clamp(0.0, 1.0);
+        let factor = (1.0 - decayed * (1.0 - t.final_learning_rate)) as f32;
+        let learner = &self.config.learner;
+        self.learner.set_learning_rates(factor * learner.actor_lr, factor * learner.critic_lr);
+    }
+
+    fn evaluate_periodically(&mut self, progress: &mut dyn Progress) -> Result<(), TrainError> {
+        let policy = self.learner.policy(which(self.config.evaluation.actor));
+        let evaluation = evaluate(
+            &mut self.pool,
+            &self.task,
+            &policy,
+            self.config.seed,
+            EvaluationStream::Periodic,
+            self.config.evaluation.episodes,
+        )?;
+        let rate = evaluation.success_rate;
+        self.last_evaluation = Some(rate);
+        if self.best.as_ref().is_none_or(|best| rate >= best.success_rate) {
+            self.best = Some(Best { success_rate: rate, episode: self.counters.episodes, policy });
+            self.counters.best_success_rate = Some(rate);
+            self.counters.best_episode = Some(self.counters.episodes);
+        }
+        let row = self.metrics_row(&evaluation)?;
+        self.metrics.append(&row)?;
+        let per_object: Vec<String> = evaluation
+            .success_rate_per_object
+            .iter()
+            .map(|(object, rate)| format!("{object} {:.0} %", 100.0 * rate))
+            .collect();
+        progress.note(&format!(
+            "episode {}: evaluated success {:.1} % ({})",
+            self.counters.episodes,
+            100.0 * rate,
+            per_object.join(", ")
+        ));
+        self.means = UpdateMeans::default();
+        Ok(())
+    }
+
+    fn metrics_row(&self, evaluation: &Evaluation) -> Result<Row, TrainError> {
+        let c = &self.counters;
+        let mut row: Row = Vec::new();
+        let mut put = |name: &str, value: f64| row.push((name.to_owned(), value));
+        put("episode", c.episodes as f64);
+        put("env_steps", c.env_steps as f64);
+        put("updates", c.updates as f64);
+        put("wall_s", c.wall_s);
+        put("success_rate", evaluation.success_rate);
+        for (object, rate) in &evaluation.success_rate_per_object {
+            put(&format!("success_rate_{object}"), *rate);
+        }
+        put("mean_final_distance_m", evaluation.mean_final_distance);
+        put("mean_penetration_m", evaluation.mean_penetration);
+        put("train_success_rate", self.recent_success().unwrap_or(f64::NAN));
+        put("n_postures", c.postures as f64);
+        let synergy = self.reward.feedback.synergy.as_deref();
+        for i in 0..self.config.synergy.components.min(self.joints.len()) {
+            put(&format!("contribution_{}", i + 1), synergy.map_or(f64::NAN, |s| s.contribution()[i]));
+        }
+        put("contribution_sum", synergy.map_or(f64::NAN, Synergy::contribution_sum));
+        let error = match synergy {
+            Some(synergy) if !evaluation.postures.is_empty() => synergy.mean_error(&evaluation.postures),
+            _ => f64::NAN,
+        };
+        put("mean_error_rad", error);
+        let mean = |sum: f64| if self.means.count > 0.0 { sum / self.means.count } else { f64::NAN };
+        put("critic_loss", mean(self.means.critic_loss));
+        put("actor_loss", mean(self.means.actor_loss));
+        put("q_mean", mean(self.means.q));
+        put("target_mean", mean(self.means.target));
+        put("diverged", c.diverged as f64);
+        put("buffer_warnings", c.buffer_warnings as f64);
+        Ok(row)
+    }
+
+    fn recent_success(&self) -> Option<f64> {
+        let good = self.recent.iter().filter(|success| **success).count();
+        (!self.recent.is_empty()).then(|| good as f64 / self.recent.len() as f64)
+    }
+
+    fn status(&self, steps_per_s: f64) -> Status {
+        Status {
+            episodes: self.counters.episodes,
+            total: self.config.episodes,
+            recent_success: self.recent_success(),
+            evaluated: self.last_evaluation,
+            postures: self.counters.postures,
+            contribution_sum: self.reward.feedback.synergy.as_deref().map(Synergy::contribution_sum),
+            steps_per_s,
+            diverged: self.counters.diverged,
+        }
+    }
+
+    fn save(&mut self) -> Result<(), TrainError> {
+        let best = self.best.as_ref().map(|best| best.policy.export_tensors());
+        self.checkpoints.save(&self.counters, &self.learner.to_tensors(), best.as_ref())
+    }
+
+    /// The policy that the run hands out, with the number of training episodes before it.
+    fn chosen_policy(&self) -> (Policy, u64) {
+        match &self.best {
+            Some(best) if self.config.evaluation.keep_best => (best.policy.clone(), best.episode),
+            _ => (self.learner.policy(which(self.config.evaluation.actor)), self.counters.episodes),
+        }
+    }
+
+    fn finish(mut self, stop: &AtomicBool, before: f64) -> Result<Summary, TrainError> {
+        let (policy, policy_episode) = self.chosen_policy();
+        let complete = self.counters.episodes >= self.config.episodes && !stop.load(Ordering::Relaxed);
+        let evaluation = if complete {
+            let episodes = self.config.evaluation.final_episodes;
+            let stream = EvaluationStream::Final;
+            Some(evaluate(&mut self.pool, &self.task, &policy, self.config.seed, stream, episodes)?)
+        } else {
+            None
+        };
+        let postures = self.database.postures()?;
+        let synergy = match self.reward.feedback.synergy.take() {
+            Some(_) => Some(Synergy::fit(&self.joints, &postures, self.config.synergy.components)?),
+            None => None,
+        };
+        export::write_products(
+            &export::Products {
+                hand: &self.hand,
+                task: &self.task,
+                config: &self.config,
+                provenance: &self.provenance,
+                policy: &policy,
+                policy_episode: Some(policy_episode),
+                synergy: synergy.as_ref(),
+                postures: &postures,
+            },
+            self.run.path(),
+        )?;
+        let summary = Summary {
+            schema: 1,
+            hand: self.hand.manifest.name.clone(),
+            preset: self.config.preset.name().to_owned(),
+            lambda: self.config.lambda,
+            seed: self.config.seed,
+            episodes: self.counters.episodes,
+            env_steps: self.counters.env_steps,
+            updates: self.counters.updates,
+            wall_s: before + self.started.elapsed().as_secs_f64(),
+            success_rate: evaluation.as_ref().map(|e| e.success_rate),
+            success_rate_per_object: evaluation.as_ref().map(|e| e.success_rate_per_object.clone()).unwrap_or_default(),
+            eval_episodes: evaluation.as_ref().map_or(0, |e| e.episodes),
+            mean_penetration_m: evaluation.as_ref().map(|e| e.mean_penetration),
+            policy_episode,
+            last_evaluation: self.last_evaluation,
+            n_postures: self.counters.postures,
+            contribution: synergy.as_ref().map(|s| s.contribution().to_vec()).unwrap_or_default(),
+            contribution_sum: synergy.as_ref().map(Synergy::contribution_sum),
+            mean_error_rad: synergy.as_ref().map(|s| s.mean_error(&postures)),
+            diverged_episodes: self.counters.diverged,
+            buffer_warnings: self.counters.buffer_warnings,
+            eval_warnings: evaluation.as_ref().map(|e| e.warnings).unwrap_or_default(),
+            mujoco_version: self.provenance.mujoco_version.clone(),
+            stopped_by: if complete { StoppedBy::Episodes } else { StoppedBy::Interrupt },
+        };
+        summary.write(self.run.path())?;
+        Ok(summary)
+    }
+
+    /// Returns the run directory.
+    pub fn directory(&self) -> &Path {
+        self.run.path()
+    }
+}
+
+fn which(choice: ActorChoice) -> Which {
+    match choice {
+        ActorChoice::Online => Which::Online,
+        ActorChoice::Target => Which::Target,
+    }
+}
