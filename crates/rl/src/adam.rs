@@ -2,18 +2,18 @@
 
 use crate::elementwise::{self, AdamCoefficients};
 
-/// Constants of [`Adam`] other than the learning rate.
+/// Constants of [`Adam`] other than the learning rate; double, because what matters is how far the decays are from 1.
 ///
 /// # Source
 /// Kingma and Ba 2015, algorithm 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AdamConfig {
     /// Decay of the first moment.
-    pub beta1: f32,
+    pub beta1: f64,
     /// Decay of the second moment.
-    pub beta2: f32,
+    pub beta2: f64,
     /// Added to the root of the corrected second moment.
-    pub epsilon: f32,
+    pub epsilon: f64,
 }
 
 impl Default for AdamConfig {
@@ -92,13 +92,15 @@ impl Adam {
     fn coefficients(&self) -> AdamCoefficients {
         let AdamConfig { beta1, beta2, epsilon } = self.config;
         let n = self.n_steps as f64;
-        let correction1 = 1.0 - f64::from(beta1).powf(n);
-        let correction2 = (1.0 - f64::from(beta2).powf(n)).sqrt();
+        let correction1 = 1.0 - beta1.powf(n);
+        let correction2 = (1.0 - beta2.powf(n)).sqrt();
         AdamCoefficients {
-            beta1,
-            beta2,
+            keep1: beta1 as f32,
+            take1: (1.0 - beta1) as f32,
+            keep2: beta2 as f32,
+            take2: (1.0 - beta2) as f32,
             step: (f64::from(self.learning_rate) * correction2 / correction1) as f32,
-            epsilon: (f64::from(epsilon) * correction2) as f32,
+            epsilon: (epsilon * correction2) as f32,
         }
     }
 }

@@ -31,8 +31,10 @@ macro_rules! vectorized {
 /// Per-step constants of Adam with the bias corrections folded in.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct AdamCoefficients {
-    pub beta1: f32,
-    pub beta2: f32,
+    pub keep1: f32,
+    pub take1: f32,
+    pub keep2: f32,
+    pub take2: f32,
     pub step: f32,
     pub epsilon: f32,
 }
@@ -40,8 +42,8 @@ pub(crate) struct AdamCoefficients {
 impl AdamCoefficients {
     #[inline(always)]
     fn apply(self, p: &mut f32, g: f32, m: &mut f32, v: &mut f32) {
-        *m = self.beta1 * *m + (1.0 - self.beta1) * g;
-        *v = self.beta2 * *v + (1.0 - self.beta2) * g * g;
+        *m = self.keep1 * *m + self.take1 * g;
+        *v = self.keep2 * *v + self.take2 * g * g;
         *p -= self.step * *m / (v.sqrt() + self.epsilon);
     }
 }
@@ -103,7 +105,7 @@ fn row_products<S: pulp::Simd, const N: usize>(simd: S, rows: [&[f32]; N], x: &[
     sums.map(|sum| simd.reduce_sum_f32s(sum))
 }
 
-/// Hyperbolic tangent to within three units in the last place of 1: an odd rational function, so that it vectorises.
+/// Hyperbolic tangent to within four times the spacing of numbers at 1: an odd rational function, so that it vectorises.
 ///
 /// A value that is not a number stays one.
 ///
@@ -113,7 +115,7 @@ fn row_products<S: pulp::Simd, const N: usize>(simd: S, rows: [&[f32]; N], x: &[
 fn tanh(x: f32) -> f32 {
     const NUMERATOR: [f32; 7] =
         [-2.760_768_5e-16, 2.000_188e-13, -8.604_672e-11, 5.122_297e-8, 1.485_722_4e-5, 6.372_619_3e-4, 4.893_524_6e-3];
-    const DENOMINATOR: [f32; 4] = [1.198_258_4e-6, 1.185_347_1e-4, 2.268_434_6e-3, 4.893_525_2e-3];
+    const DENOMINATOR: [f32; 4] = [1.198_258_4e-6, 1.185_347_1e-4, 2.268_434_6e-3, 4.893_525e-3];
     /// The result is 1 beyond this.
     const SATURATION: f32 = 7.905_311;
     let x = x.clamp(-SATURATION, SATURATION);
@@ -241,7 +243,7 @@ mod tests {
             assert!((-1.0..=1.0).contains(&y), "tanh({x}) = {y}");
             worst = worst.max((f64::from(y) - f64::from(x).tanh()).abs());
         }
-        assert!(worst < 3.0 * f64::from(f32::EPSILON), "error {worst}");
+        assert!(worst < 4.0 * f64::from(f32::EPSILON), "error {worst}");
         assert!(tanh(f32::NAN).is_nan());
     }
 

@@ -43,6 +43,14 @@ impl Tensor {
         Self { shape: vec![1], data: TensorData::U64(vec![value]) }
     }
 
+    fn n_values(&self) -> usize {
+        match &self.data {
+            TensorData::F32(values) => values.len(),
+            TensorData::F64(values) => values.len(),
+            TensorData::U64(values) => values.len(),
+        }
+    }
+
     fn type_name(&self) -> &'static str {
         match self.data {
             TensorData::F32(_) => "F32",
@@ -139,9 +147,9 @@ impl TensorMap {
     /// # Errors
     /// As [`f32s`](Self::f32s).
     pub fn u64(&self, name: &str) -> Result<u64, RlError> {
-        match &self.shaped(name, &[1])?.data {
-            TensorData::U64(values) if values.len() == 1 => Ok(values[0]),
-            _ => Err(wrong_type(name, "U64", self.get(name)?)),
+        match self.shaped(name, &[1])? {
+            Tensor { data: TensorData::U64(values), .. } => Ok(values[0]),
+            other => Err(wrong_type(name, "U64", other)),
         }
     }
 
@@ -194,19 +202,34 @@ impl TensorMap {
     /// Reads back what [`insert_layers`](Self::insert_layers) wrote.
     pub(crate) fn read_layers(&self, prefix: &str, net: &Mlp, flat: &mut [f32]) -> Result<(), RlError> {
         for (i, layer) in net.layers().iter().enumerate() {
-            let weight = self.f32s(&format!("{prefix}.{i}.weight"), &[layer.outputs, layer.inputs])?;
+            let weight = self.finite(&format!("{prefix}.{i}.weight"), &[layer.outputs, layer.inputs])?;
             flat[layer.weight()].copy_from_slice(weight);
-            flat[layer.bias()].copy_from_slice(self.f32s(&format!("{prefix}.{i}.bias"), &[layer.outputs])?);
+            flat[layer.bias()].copy_from_slice(self.finite(&format!("{prefix}.{i}.bias"), &[layer.outputs])?);
         }
         Ok(())
     }
 
+    fn finite(&self, name: &str, shape: &[usize]) -> Result<&[f32], RlError> {
+        let values = self.f32s(name, shape)?;
+        match values.iter().find(|x| !x.is_finite()) {
+            Some(got) => {
+                let (name, got) = (name.to_owned(), got.to_string());
+                Err(RlError::TensorValue { name, expected: "finite numbers", got })
+            }
+            None => Ok(values),
+        }
+    }
+
     fn shaped(&self, name: &str, shape: &[usize]) -> Result<&Tensor, RlError> {
         let tensor = self.get(name)?;
-        if tensor.shape == shape {
-            return Ok(tensor);
+        let fault = |got| RlError::TensorShape { name: name.to_owned(), expected: shape.to_vec(), got };
+        if tensor.shape != shape {
+            return Err(fault(tensor.shape.clone()));
         }
-        Err(RlError::TensorShape { name: name.to_owned(), expected: shape.to_vec(), got: tensor.shape.clone() })
+        if tensor.n_values() != shape.iter().product::<usize>() {
+            return Err(fault(vec![tensor.n_values()]));
+        }
+        Ok(tensor)
     }
 }
 

@@ -158,7 +158,9 @@ def generate(path, seed, twin):
     s = np.hstack([observation(batch["observations"]), goal(batch["goals"])])
     s_next = np.hstack([observation(batch["next_observations"]), goal(batch["goals"])])
     x_next = np.hstack([s_next, actor.target.forward(s_next)])
-    value_next = np.min([c.target.forward(x_next)[:, 0] for c in critics], axis=0)
+    values = np.array([c.target.forward(x_next)[:, 0] for c in critics])
+    assert len(set(values.argmin(axis=0))) == len(critics), "choose another seed"
+    value_next = values.min(axis=0)
     raw = batch["rewards"] + GAMMA * value_next
     target = np.clip(raw, -1 / (1 - GAMMA), 0)
 
@@ -197,5 +199,5 @@ def generate(path, seed, twin):
 
 if __name__ == "__main__":
     here = pathlib.Path(__file__).parent
-    generate(here / "update_single.safetensors", SEED_SINGLE, False)
-    generate(here / "update_twin.safetensors", SEED_TWIN, True)
+    generate(here / "update_single.safetensors", 6, False)
+    generate(here / "update_twin.safetensors", 2, True)

@@ -1,0 +1,146 @@
+//! Statistics of the exploration.
+
+use eigenhand_rl::{Exploration, ExplorationConfig, RlError, rng};
+
+const N_STEPS: usize = 40_000;
+
+/// Actions executed over a long episode in which the policy always says `policy`.
+fn run(mut exploration: Exploration, policy: &[f32], seed: u64) -> Vec<Vec<f32>> {
+    let mut draws = rng::stream(seed, "explore", 0);
+    (0..N_STEPS)
+        .map(|_| {
+            let mut action = policy.to_vec();
+            exploration.apply(&mut action, &mut draws);
+            assert!(action.iter().all(|a| (-1.0..=1.0).contains(a)));
+            action
+        })
+        .collect()
+}
+
+fn noisy(config: &ExplorationConfig, policy: &[f32]) -> Vec<Vec<f32>> {
+    let exploration = Exploration::noisy(config, policy.len(), &mut rng::stream(1, "explore", 1));
+    run(exploration, policy, 2)
+}
+
+fn mean(x: impl ExactSizeIterator<Item = f32>) -> f64 {
+    let n = x.len();
+    x.map(f64::from).sum::<f64>() / n as f64
+}
+
+/// Lengths of the runs of equal values in one dimension.
+fn holds(actions: &[Vec<f32>], dimension: usize) -> Vec<usize> {
+    actions.chunk_by(|a, b| a[dimension] == b[dimension]).map(<[_]>::len).collect()
+}
+
+fn mean_hold(actions: &[Vec<f32>], dimension: usize) -> f64 {
+    actions.len() as f64 / holds(actions, dimension).len() as f64
+}
+
+#[test]
+fn noise_has_the_configured_deviation_and_correlation() {
+    let config = ExplorationConfig { random_probability: 0.0, ..ExplorationConfig::default() };
+    let actions = noisy(&config, &[0.2, -0.1]);
+    for (d, policy) in [(0, 0.2), (1, -0.1)] {
+        let noise: Vec<f32> = actions.iter().map(|a| a[d] - policy).collect();
+        let variance = mean(noise.iter().map(|x| x * x));
+        let covariance = mean(noise.windows(2).map(|w| w[0] * w[1]));
+        assert!(mean(noise.iter().copied()).abs() < 0.01);
+        assert!((variance.sqrt() - 0.1).abs() < 0.005, "deviation {}", variance.sqrt());
+        assert!((covariance / variance - 0.8).abs() < 0.02, "correlation {}", covariance / variance);
+    }
+    let product = mean(actions.iter().map(|a| (a[0] - 0.2) * (a[1] + 0.1)));
+    assert!(product.abs() < 0.001, "dimensions are independent, covariance {product}");
+}
+
+#[test]
+fn independent_noise_is_uncorrelated() {
+    let config = ExplorationConfig { random_probability: 0.0, ..ExplorationConfig::baselines() };
+    let actions = noisy(&config, &[0.0]);
+    let variance = mean(actions.iter().map(|a| a[0] * a[0]));
+    let covariance = mean(actions.windows(2).map(|w| w[0][0] * w[1][0]));
+    assert!((variance.sqrt() - 0.2).abs() < 0.005);
+    assert!((covariance / variance).abs() < 0.02);
+}
+
+#[test]
+fn the_noise_of_the_first_step_has_the_same_deviation() {
+    let config = ExplorationConfig { random_probability: 0.0, ..ExplorationConfig::default() };
+    let mut draws = rng::stream(3, "explore", 0);
+    let firsts = (0..10_000).map(|_| {
+        let mut action = [0.0];
+        Exploration::noisy(&config, 1, &mut draws).apply(&mut action, &mut draws);
+        action[0] * action[0]
+    });
+    assert!((mean(firsts).sqrt() - 0.1).abs() < 0.005);
+}
+
+#[test]
+fn baselines_random_steps_have_their_share() {
+    let config = ExplorationConfig { noise_sigma: 0.0, ..ExplorationConfig::baselines() };
+    let actions = noisy(&config, &[0.5, 0.5]);
+    let random = actions.iter().filter(|a| a[0] != 0.5).count() as f32 / N_STEPS as f32;
+    assert!((random - 0.3).abs() < 0.01, "share {random}");
+    assert!(actions.iter().all(|a| (a[0] == 0.5) == (a[1] == 0.5)), "dimensions are replaced together");
+    assert!((mean_hold(&actions, 0) - 1.0 / (1.0 - 0.7 * 0.7)).abs() < 0.05, "{}", mean_hold(&actions, 0));
+}
+
+#[test]
+fn random_actions_are_held_and_cover_the_range() {
+    let config = ExplorationConfig { noise_sigma: 0.0, ..ExplorationConfig::default() };
+    let actions = noisy(&config, &[2.0 / 3.0]);
+    let runs: Vec<&[Vec<f32>]> = actions.chunk_by(|a, b| a[0] == b[0]).collect();
+    let random: Vec<_> = runs.iter().filter(|run| run[0][0] != 2.0 / 3.0).collect();
+    let length = random.iter().map(|run| run.len()).sum::<usize>() as f64 / random.len() as f64;
+    assert!((length - 5.0).abs() < 0.25, "mean hold {length}");
+    // A hold of mean length h is followed by (1 - p) / p steps of the policy on average.
+    let share = random.iter().map(|run| run.len()).sum::<usize>() as f64 / N_STEPS as f64;
+    assert!((share - 5.0 / (5.0 + 9.0)).abs() < 0.02, "share {share}");
+    let square = mean(random.iter().map(|run| run[0][0] * run[0][0]));
+    assert!((square - 1.0 / 3.0).abs() < 0.02, "mean square {square}");
+}
+
+#[test]
+fn warmup_ignores_the_policy_and_holds_each_group_as_scaled() {
+    let config = ExplorationConfig { hold_scale: vec![1.0, 3.0, 1.0], ..ExplorationConfig::default() };
+    let exploration = Exploration::warmup(&config, 3, &mut rng::stream(4, "explore", 1));
+    let actions = run(exploration, &[f32::NAN; 3], 5);
+    assert!((mean_hold(&actions, 0) - 5.0).abs() < 0.25, "{}", mean_hold(&actions, 0));
+    assert!((mean_hold(&actions, 1) - 15.0).abs() < 1.0, "{}", mean_hold(&actions, 1));
+    assert_eq!(holds(&actions, 0), holds(&actions, 2), "equal scales are drawn together");
+    assert!(actions.iter().all(|a| a[0] != a[2]), "but not to the same value");
+    assert_ne!(holds(&actions, 0), holds(&actions, 1));
+}
+
+#[test]
+fn longer_holds_start_more_seldom() {
+    let config = ExplorationConfig { noise_sigma: 0.0, hold_scale: vec![1.0, 4.0], ..ExplorationConfig::default() };
+    let actions = noisy(&config, &[0.25, 0.25]);
+    let share = |d: usize| actions.iter().filter(|a| a[d] != 0.25).count() as f64 / N_STEPS as f64;
+    assert!((share(0) - 5.0 / 14.0).abs() < 0.03, "{}", share(0));
+    assert!((share(1) - 20.0 / (20.0 + 39.0)).abs() < 0.04, "{}", share(1));
+}
+
+#[test]
+fn none_changes_nothing() {
+    assert!(run(Exploration::none(), &[0.25, -1.0], 6).iter().all(|a| a == &[0.25, -1.0]));
+}
+
+#[test]
+fn wrong_values_are_refused_by_name() {
+    let wrong: [(&str, ExplorationConfig); 4] = [
+        ("noise_correlation", ExplorationConfig { noise_correlation: 1.0, ..ExplorationConfig::default() }),
+        ("random_probability", ExplorationConfig { random_probability: 1.5, ..ExplorationConfig::default() }),
+        ("random_hold_steps", ExplorationConfig { random_hold_steps: 0.5, ..ExplorationConfig::default() }),
+        ("noise_sigma", ExplorationConfig { noise_sigma: f32::NAN, ..ExplorationConfig::default() }),
+    ];
+    for (name, config) in wrong {
+        match config.validate(2) {
+            Err(RlError::Config { field, .. }) => assert_eq!(field, name),
+            other => panic!("{name}: {other:?}"),
+        }
+    }
+    let config = ExplorationConfig { hold_scale: vec![1.0; 3], ..ExplorationConfig::default() };
+    assert!(matches!(config.validate(2), Err(RlError::Length { name: "hold_scale", expected: 2, got: 3 })));
+    assert!(config.validate(3).is_ok());
+    assert!(serde_json::from_str::<ExplorationConfig>(r#"{"noise_sigmas": 1}"#).is_err());
+}

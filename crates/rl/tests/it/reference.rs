@@ -1,0 +1,81 @@
+//! One whole update against numbers that `tests/data/generate_update.py` computed with NumPy.
+
+use eigenhand_rl::{Batch, Ddpg, DdpgConfig, EpisodeShape, NormalizerConfig, TensorData, TensorMap, rng};
+
+use crate::assert_close;
+
+const SHAPE: EpisodeShape = EpisodeShape { n_steps: 1, obs_dim: 4, goal_dim: 2, act_dim: 3, fact_dim: 0 };
+const BATCH: usize = 6;
+
+fn config(twin_critics: bool) -> DdpgConfig {
+    DdpgConfig {
+        hidden: vec![8, 8],
+        gamma: 0.9,
+        tau: 0.05,
+        action_l2: 0.7,
+        batch_size: BATCH,
+        twin_critics,
+        normalizer: NormalizerConfig { epsilon: 0.01, norm_clip: 1.5, raw_clip: 3.0 },
+        ..DdpgConfig::default()
+    }
+}
+
+fn part(all: &TensorMap, prefix: &str) -> TensorMap {
+    let mut out = TensorMap::default();
+    for (name, tensor) in all.iter() {
+        if let Some(name) = name.strip_prefix(prefix) {
+            out.insert(name, tensor.clone());
+        }
+    }
+    out
+}
+
+fn check_update(bytes: &[u8], twin_critics: bool) {
+    let fixture = TensorMap::load_bytes(bytes).unwrap();
+    let [obs, goal, act] = [SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim];
+    let before = part(&fixture, "before.");
+    let mut learner = Ddpg::from_tensors(config(twin_critics), obs, goal, act, &before).unwrap();
+    let mut batch = Batch::new(BATCH, SHAPE);
+    batch.observations.copy_from_slice(fixture.f32s("batch.observations", &[BATCH, obs]).unwrap());
+    batch.goals.copy_from_slice(fixture.f32s("batch.goals", &[BATCH, goal]).unwrap());
+    batch.actions.copy_from_slice(fixture.f32s("batch.actions", &[BATCH, act]).unwrap());
+    batch.rewards.copy_from_slice(fixture.f32s("batch.rewards", &[BATCH]).unwrap());
+    batch.next_observations.copy_from_slice(fixture.f32s("batch.next_observations", &[BATCH, obs]).unwrap());
+
+    let stats = learner.update(&batch, &mut rng::stream(0, "update", 0));
+
+    for (name, got) in [
+        ("critic_loss", stats.critic_loss),
+        ("actor_loss", stats.actor_loss.unwrap()),
+        ("q_mean", stats.q_mean),
+        ("target_mean", stats.target_mean),
+        ("clipped_share", stats.clipped_share),
+        ("action_square_mean", stats.action_square_mean.unwrap()),
+    ] {
+        let expected = fixture.f64s(&format!("stats.{name}"), &[1]).unwrap()[0];
+        assert_close(name, f64::from(got), expected, 1e-5);
+    }
+    let (after, expected) = (learner.to_tensors(), part(&fixture, "after."));
+    assert_eq!(after.iter().count(), expected.iter().count());
+    for (name, tensor) in expected.iter() {
+        let got = after.get(name).unwrap();
+        assert_eq!(got.shape, tensor.shape, "{name}");
+        let (TensorData::F32(got), TensorData::F32(tensor)) = (&got.data, &tensor.data) else {
+            assert_eq!(got.data, tensor.data, "{name}");
+            continue;
+        };
+        for (got, expected) in got.iter().zip(tensor) {
+            assert_close(name, f64::from(*got), f64::from(*expected), 2e-6);
+        }
+    }
+}
+
+#[test]
+fn one_critic() {
+    check_update(include_bytes!("../data/update_single.safetensors"), false);
+}
+
+#[test]
+fn two_critics() {
+    check_update(include_bytes!("../data/update_twin.safetensors"), true);
+}
