@@ -1,0 +1,154 @@
+//! The edges between the crates, as ARCHITECTURE.md states them.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use cargo_metadata::{Metadata, MetadataCommand};
+
+use crate::source;
+use crate::support::workspace;
+
+/// Every crate with the crates of this workspace that it may depend on, for whatever purpose.
+const ALLOWED: [(&str, &[&str]); 7] = [
+    ("eigenhand-hand-abi", &[]),
+    ("eigenhand-hands", &["eigenhand-hand-abi"]),
+    ("eigenhand-sim", &["eigenhand-hands"]),
+    ("eigenhand-rl", &[]),
+    ("eigenhand-synergy", &[]),
+    ("eigenhand-train", &["eigenhand-hands", "eigenhand-sim", "eigenhand-rl", "eigenhand-synergy"]),
+    ("xtask", &["eigenhand-train"]),
+];
+
+/// The package that may see all others, because it tests them together.
+const TESTS: &str = "eigenhand-tests";
+
+const MARK: &str = "**Invariant:**";
+
+/// A sentence of ARCHITECTURE.md after its mark, and what it means for the sources.
+type Invariant = (&'static str, fn(&Graph));
+
+const INVARIANTS: [Invariant; 10] = [
+    ("`hand-abi` depends on nothing.", |g| {
+        assert_eq!(g.all("eigenhand-hand-abi"), BTreeSet::new());
+    }),
+    ("`hands` does not know MuJoCo's library, the simulator or learning.", |g| {
+        g.lacks("eigenhand-hands", &["eigenhand-sim", "eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
+        lacks_word("crates/hands/src", "mujoco_sys");
+        lacks_word("crates/hands/src", "mj_loadXML");
+    }),
+    ("`sim` does not know of learning, replay or synergies.", |g| {
+        g.lacks("eigenhand-sim", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
+    }),
+    ("`rl` does not know of MuJoCo, hands or grasping.", |g| {
+        g.lacks("eigenhand-rl", &["eigenhand-hands", "eigenhand-sim", "eigenhand-synergy", "libloading", "xmltree"]);
+        for word in ["mujoco", "hand", "grasp", "object", "finger"] {
+            lacks_word("crates/rl/src", word);
+        }
+    }),
+    ("`rl` reads and writes no file.", |_| {
+        for word in ["fs", "File", "OpenOptions"] {
+            lacks_word("crates/rl/src", word);
+        }
+    }),
+    ("`synergy` does not know of learning, simulation or any hand.", |g| {
+        g.lacks("eigenhand-synergy", &["eigenhand-rl", "eigenhand-sim", "eigenhand-hands", "eigenhand-train"]);
+    }),
+    ("Only `train` knows both the simulator and the learner.", |g| {
+        for (name, _) in ALLOWED {
+            let direct = g.internal(name);
+            let both = direct.contains("eigenhand-sim") && direct.contains("eigenhand-rl");
+            assert_eq!(both, name == "eigenhand-train", "{name} depends on {direct:?}");
+        }
+    }),
+    ("`xtask` holds no logic that a test would want to call: it depends on `train` alone.", |g| {
+        assert_eq!(g.internal("xtask"), BTreeSet::from(["eigenhand-train".to_owned()]));
+    }),
+    ("`unsafe` code lives only in `crates/sim/src/ffi`.", |_| source::check_fences()),
+    ("No generic crate names a joint, an actuator or a body of any hand.", |_| source::check_names()),
+];
+
+struct Graph {
+    metadata: Metadata,
+}
+
+impl Graph {
+    fn read() -> Graph {
+        let metadata = MetadataCommand::new()
+            .manifest_path(workspace().join("Cargo.toml"))
+            .no_deps()
+            .other_options(["--offline".to_owned(), "--locked".to_owned()])
+            .exec()
+            .expect("cargo metadata");
+        Graph { metadata }
+    }
+
+    /// Names of everything that a package depends on, builds and tests included.
+    fn all(&self, package: &str) -> BTreeSet<String> {
+        let found = self.metadata.packages.iter().find(|p| p.name.as_str() == package);
+        let found = found.unwrap_or_else(|| panic!("the workspace has no package {package}"));
+        found.dependencies.iter().map(|d| d.name.clone()).collect()
+    }
+
+    /// The same, of this workspace.
+    fn internal(&self, package: &str) -> BTreeSet<String> {
+        let members: BTreeSet<&str> = self.metadata.packages.iter().map(|p| p.name.as_str()).collect();
+        self.all(package).into_iter().filter(|name| members.contains(name.as_str())).collect()
+    }
+
+    fn lacks(&self, package: &str, absent: &[&str]) {
+        let all = self.all(package);
+        for name in absent {
+            assert!(!all.contains(*name), "{package} depends on {name}");
+        }
+    }
+}
+
+fn lacks_word(directory: &str, word: &str) {
+    for file in source::rust_files(&workspace().join(directory)) {
+        for (number, line) in source::code(&file) {
+            let found = source::words(&line).any(|w| w.eq_ignore_ascii_case(word));
+            assert!(!found, "{}:{number} has the word {word}: {line}", file.display());
+        }
+    }
+}
+
+#[test]
+fn every_crate_depends_on_what_the_design_allows() {
+    let graph = Graph::read();
+    let allowed: BTreeMap<&str, &[&str]> = ALLOWED.into_iter().collect();
+    for package in &graph.metadata.packages {
+        let name = package.name.as_str();
+        if name == TESTS {
+            continue;
+        }
+        // A compiled plugin is a crate that sees the ABI and nothing else.
+        let plugin = package.manifest_path.starts_with(workspace().join("plugins").to_str().expect("UTF-8"));
+        let expected: &[&str] = match allowed.get(name) {
+            Some(expected) => expected,
+            None if plugin => &["eigenhand-hand-abi"],
+            None => panic!("the package {name} is not in the design: add it to ARCHITECTURE.md and to this test"),
+        };
+        for dependency in graph.internal(name) {
+            assert!(expected.contains(&dependency.as_str()), "{name} must not depend on {dependency}");
+        }
+    }
+}
+
+#[test]
+fn the_invariants_of_the_architecture_hold() {
+    let graph = Graph::read();
+    for (sentence, check) in INVARIANTS {
+        println!("{sentence}");
+        check(&graph);
+    }
+}
+
+#[test]
+fn the_architecture_states_the_invariants_that_are_checked() {
+    let text = std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");
+    // A sentence may run over lines, and ends with the line that ends its paragraph or list item.
+    let joined = text.split("\n\n").map(|p| p.split_whitespace().collect::<Vec<_>>().join(" "));
+    let stated: BTreeSet<String> =
+        joined.filter_map(|p| p.split_once(MARK).map(|(_, sentence)| sentence.trim().to_owned())).collect();
+    let checked: BTreeSet<String> = INVARIANTS.iter().map(|(sentence, _)| (*sentence).to_owned()).collect();
+    assert_eq!(stated, checked);
+}

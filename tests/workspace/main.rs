@@ -1,0 +1,8 @@
+//! Integration tests of the workspace: what no crate can test alone.
+#![forbid(unsafe_code)]
+// A helper function of a test fails the test, which is what a panic means here.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod edges;
+mod source;
+mod support;

@@ -1,0 +1,120 @@
+//! What the sources must not contain.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use eigenhand_hands::xmltree::Element;
+
+use crate::support::{registry, workspace};
+
+/// Where `unsafe` code may be.
+const FENCED: [&str; 1] = ["crates/sim/src/ffi"];
+
+/// Lists the Rust files below a directory.
+pub fn rust_files(directory: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            found.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+/// Lists the lines of a file up to its unit tests, numbered, without comments.
+pub fn code(file: &Path) -> Vec<(usize, String)> {
+    let text = std::fs::read_to_string(file).unwrap();
+    text.lines()
+        .enumerate()
+        .take_while(|(_, line)| !line.starts_with("#[cfg(test)]"))
+        .map(|(i, line)| (i + 1, line.split("//").next().unwrap_or_default().to_owned()))
+        .collect()
+}
+
+/// Splits a line into words of letters, digits and underscores.
+pub fn words(line: &str) -> impl Iterator<Item = &str> {
+    line.split(|c: char| !(c.is_alphanumeric() || c == '_')).filter(|word| !word.is_empty())
+}
+
+/// Lists the source directories of the workspace's crates.
+fn source_directories() -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = ["crates", "plugins"]
+        .iter()
+        .flat_map(|parent| std::fs::read_dir(workspace().join(parent)).unwrap())
+        .map(|entry| entry.unwrap().path().join("src"))
+        .filter(|path| path.is_dir())
+        .collect();
+    found.push(workspace().join("xtask/src"));
+    found
+}
+
+/// Checks that `unsafe` is where it may be, and that the compiler forbids it wherever a crate has no such place.
+pub fn check_fences() {
+    let fences = FENCED.map(|fence| workspace().join(fence));
+    for directory in source_directories() {
+        for file in rust_files(&directory) {
+            let fenced = fences.iter().any(|fence| file.starts_with(fence));
+            for (number, line) in code(&file) {
+                let found = words(&line).any(|word| word == "unsafe");
+                assert!(fenced || !found, "{}:{number}: unsafe code outside the fence", file.display());
+            }
+        }
+        if fences.iter().any(|fence| fence.starts_with(&directory)) {
+            continue;
+        }
+        let root = ["lib.rs", "main.rs"].map(|name| directory.join(name)).into_iter().find(|path| path.is_file());
+        let root = root.unwrap_or_else(|| panic!("{} has no lib.rs or main.rs", directory.display()));
+        let text = std::fs::read_to_string(&root).unwrap();
+        assert!(text.contains("#![forbid(unsafe_code)]"), "{} does not forbid unsafe code", root.display());
+    }
+}
+
+/// Checks that no generic crate says a word that is the name of a part of a hand.
+pub fn check_names() {
+    let names = names_of_parts();
+    assert!(names.len() > 50, "only {} names were read from the hands", names.len());
+    for directory in source_directories().iter().filter(|path| path.starts_with(workspace().join("crates"))) {
+        for file in rust_files(directory) {
+            for (number, line) in code(&file) {
+                let found = words(&line).find_map(|word| names.get_key_value(word));
+                if let Some((name, hand)) = found {
+                    panic!("{}:{number} names {name} of the hand {hand}: {line}", file.display());
+                }
+            }
+        }
+    }
+}
+
+/// Lists the joints, actuators, bodies and fingertips of all registered hands, each with its hand.
+///
+/// Words that `hand.toml` itself has for keys (and their values by default, such as the slide's name) are the manifest's
+/// before they are a hand's.
+fn names_of_parts() -> BTreeMap<String, String> {
+    let manifest: BTreeSet<&str> =
+        eigenhand_hands::keys().iter().flat_map(|info| info.key.split('.')).chain(["slide", "base"]).collect();
+    let mut names = BTreeMap::new();
+    for entry in registry().list() {
+        let hand = entry.hand.as_ref().expect("every hand of the workspace is sound");
+        let mut parts: Vec<String> = hand.joints.iter().map(|joint| joint.name.clone()).collect();
+        parts.extend(hand.actuators.iter().map(|actuator| actuator.name.clone()));
+        parts.extend(hand.fingertips.iter().map(|tip| tip.name.clone()));
+        bodies(&hand.model, &mut parts);
+        for part in parts.into_iter().filter(|part| !manifest.contains(part.as_str())) {
+            names.insert(part, entry.name.clone());
+        }
+    }
+    names
+}
+
+fn bodies(parent: &Element, names: &mut Vec<String>) {
+    for child in parent.children.iter().filter_map(|node| node.as_element()) {
+        if child.name == "body" {
+            names.extend(child.attributes.get("name").cloned());
+        }
+        bodies(child, names);
+    }
+}
