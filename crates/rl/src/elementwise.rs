@@ -78,7 +78,11 @@ impl pulp::WithSimd for Gemv<'_> {
         let (outs, last_outs) = out.as_chunks_mut::<BLOCK>();
         for (i, out) in outs.iter_mut().enumerate() {
             let start = i * BLOCK * n;
-            *out = row_products(simd, std::array::from_fn(|r| &weight[start + r * n..][..n]), x);
+            let mut rows = [x; BLOCK];
+            for (r, row) in rows.iter_mut().enumerate() {
+                *row = &weight[start + r * n..][..n];
+            }
+            *out = row_products(simd, rows, x);
         }
         let start = outs.len() * BLOCK * n;
         for (i, out) in last_outs.iter_mut().enumerate() {
@@ -88,21 +92,28 @@ impl pulp::WithSimd for Gemv<'_> {
 }
 
 /// Inner products of several rows with `x`; the rows share the reads of `x`.
+// No closures: they would be compiled without the vector instructions.
 #[inline(always)]
 fn row_products<S: pulp::Simd, const N: usize>(simd: S, rows: [&[f32]; N], x: &[f32]) -> [f32; N] {
     let (x_head, x_tail) = S::as_simd_f32s(x);
-    let split = rows.map(|row| S::as_simd_f32s(row));
+    let x_tail = simd.partial_load_f32s(x_tail);
+    let mut heads = [x_head; N];
     let mut sums = [simd.splat_f32s(0.0); N];
+    for ((sum, head), row) in sums.iter_mut().zip(&mut heads).zip(rows) {
+        let (row_head, row_tail) = S::as_simd_f32s(row);
+        *head = &row_head[..x_head.len()];
+        *sum = simd.mul_f32s(simd.partial_load_f32s(row_tail), x_tail);
+    }
     for (i, x) in x_head.iter().enumerate() {
-        for (sum, (head, _)) in sums.iter_mut().zip(&split) {
+        for (sum, head) in sums.iter_mut().zip(&heads) {
             *sum = simd.mul_add_e_f32s(head[i], *x, *sum);
         }
     }
-    let x = simd.partial_load_f32s(x_tail);
-    for (sum, (_, tail)) in sums.iter_mut().zip(&split) {
-        *sum = simd.mul_add_e_f32s(simd.partial_load_f32s(tail), x, *sum);
+    let mut out = [0.0; N];
+    for (out, sum) in out.iter_mut().zip(sums) {
+        *out = simd.reduce_sum_f32s(sum);
     }
-    sums.map(|sum| simd.reduce_sum_f32s(sum))
+    out
 }
 
 /// Hyperbolic tangent to within four times the spacing of numbers at 1: an odd rational function, so that it vectorises.
