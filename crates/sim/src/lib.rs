@@ -1,5 +1,6 @@
 //! MuJoCo, scenes of a hand with an object, and the grasp task as an environment.
 
+pub mod contract;
 mod env;
 mod error;
 pub mod ffi;

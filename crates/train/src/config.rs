@@ -355,10 +355,7 @@ impl RunConfig {
 
     /// Returns the number of threads that simulate.
     pub fn worker_count(&self) -> usize {
-        match self.workers {
-            0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
-            n => n,
-        }
+        worker_count(self.workers)
     }
 
     /// Writes the configuration as TOML.
@@ -378,6 +375,14 @@ impl RunConfig {
         let mut layers = Layers::new(Preset::Default)?;
         layers.add_file(path)?;
         layers.resolve()
+    }
+}
+
+/// (0, or a number of threads) => the number of threads, where 0 means one for each core.
+pub fn worker_count(asked: usize) -> usize {
+    match asked {
+        0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
+        n => n,
     }
 }
 

@@ -69,6 +69,40 @@ pub enum TrainError {
         /// The directory.
         path: PathBuf,
     },
+    /// No hand was named.
+    #[error("no hand is named: add --hand NAME, or a line hand = \"NAME\" to the configuration file; hands found: {known}")]
+    NoHand {
+        /// Names of the hands that were found.
+        known: String,
+    },
+    /// An option does not fit the others, or the run.
+    #[error("{option}: {reason}")]
+    Option {
+        /// The option.
+        option: String,
+        /// What does not fit, and what to do.
+        reason: String,
+    },
+    /// The hand is no longer the one that a run was made with.
+    #[error(
+        "the hand {hand} has changed since {} began: the digest of its files is {found}, and was {expected}\nput its files back to continue the run, or train again with another --out", run.display()
+    )]
+    HandChanged {
+        /// Name of the hand.
+        hand: String,
+        /// The run's directory.
+        run: PathBuf,
+        /// Digest in the run's provenance.
+        expected: String,
+        /// Digest of the hand's files now.
+        found: String,
+    },
+    /// A directory holds something that an export would overwrite.
+    #[error("{} is not empty and holds no earlier export: name another directory with --out", path.display())]
+    ExportExists {
+        /// The directory.
+        path: PathBuf,
+    },
     /// A file cannot be written in its format.
     #[error("cannot write {}: {reason}", path.display())]
     Format {
@@ -85,9 +119,18 @@ impl TrainError {
         matches!(
             self,
             TrainError::Config(_)
-                | TrainError::Hand(HandError::UnknownHand { .. })
+                | TrainError::NoHand { .. }
+                | TrainError::Option { .. }
+                | TrainError::RunExists { .. }
+                | TrainError::ExportExists { .. }
+                | TrainError::Hand(HandError::UnknownHand { .. } | HandError::NoPluginDirectory { .. })
                 | TrainError::Sim(SimError::UnknownObject { .. })
         )
+    }
+
+    /// Tells whether no libmujoco could be opened, which installing it mends.
+    pub fn is_missing_library(&self) -> bool {
+        matches!(self, TrainError::Sim(SimError::LibraryMissing { .. }))
     }
 }
 

@@ -17,6 +17,8 @@ pub enum EvaluationStream {
     Periodic,
     /// Fresh episodes, seen by nothing before.
     Final,
+    /// Episodes of an evaluation of its own, other than those of any training.
+    Separate,
 }
 
 impl EvaluationStream {
@@ -24,6 +26,7 @@ impl EvaluationStream {
         match self {
             EvaluationStream::Periodic => "evaluate",
             EvaluationStream::Final => "final",
+            EvaluationStream::Separate => "separate",
         }
     }
 }
@@ -37,6 +40,8 @@ pub struct Evaluation {
     pub success_rate: f64,
     /// The same for each object.
     pub success_rate_per_object: BTreeMap<String, f64>,
+    /// Episodes with each object.
+    pub episodes_per_object: BTreeMap<String, u64>,
     /// Mean distance from object to goal at the end, in m.
     pub mean_final_distance: f64,
     /// Mean over the successes of the deepest penetration between object and hand in the last steps, in m.
@@ -94,6 +99,12 @@ fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
             .enumerate()
             .filter(|(i, _)| episodes.iter().any(|e| e.scene == *i))
             .map(|(i, scene)| (scene.object.name.to_owned(), rate(&mut episodes.iter().filter(|e| e.scene == i))))
+            .collect(),
+        episodes_per_object: task
+            .scenes
+            .iter()
+            .enumerate()
+            .map(|(i, scene)| (scene.object.name.to_owned(), episodes.iter().filter(|e| e.scene == i).count() as u64))
             .collect(),
         mean_final_distance: mean(&mut episodes.iter().filter(|e| !e.diverged).map(|e| e.final_distance)),
         mean_penetration: mean(&mut episodes.iter().filter(|e| e.success).map(|e| e.penetration)),

@@ -18,7 +18,7 @@ use crate::trainer::{DATABASE, joint_infos, task_of};
 use crate::{Provenance, TrainError};
 
 const POLICY: &str = "policy.safetensors";
-const POLICY_TEXT: &str = "policy.toml";
+pub(crate) const POLICY_TEXT: &str = "policy.toml";
 const SYNERGY: &str = "synergy";
 const SCENES: &str = "scenes";
 const REFERENCE: &str = "reference.json";

@@ -1,12 +1,16 @@
 //! Training, evaluation and export: the crate that brings hands, simulator, learner and synergy together.
 #![forbid(unsafe_code)]
 
+mod assess;
+mod catalogue;
 mod checkpoint;
 pub mod config;
 mod error;
 mod evaluation;
 mod export;
 mod files;
+pub mod launch;
+mod logging;
 mod metrics;
 mod progress;
 mod provenance;
@@ -16,8 +20,13 @@ mod run_dir;
 mod summary;
 mod trainer;
 
+pub use assess::{Assessment, ObjectScore, assess, wilson_interval};
+pub use catalogue::{check_hand, hand_named, registry};
 pub use error::TrainError;
 pub use evaluation::{Evaluation, EvaluationStream, evaluate};
+pub use eigenhand_hands::{Hand, HandSummary, PLUGINS_VARIABLE, Registry, RegistryEntry, Transmission};
+pub use eigenhand_sim::contract::{Check, ContractReport};
+pub use eigenhand_sim::ffi::{LIBRARY_VARIABLE, MuJoCo};
 pub use export::LoadedRun;
 pub use progress::{Bar, Lines, Progress, Silent, Status};
 pub use provenance::Provenance;

@@ -8,7 +8,7 @@ use crate::error::io_error;
 use crate::files::{create_directory, write_atomically};
 use crate::{Provenance, TrainError};
 
-const CONFIG: &str = "config.toml";
+pub(crate) const CONFIG: &str = "config.toml";
 const PROVENANCE: &str = "provenance.toml";
 const LOCK: &str = ".lock";
 

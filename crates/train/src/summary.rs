@@ -22,6 +22,16 @@ pub enum StoppedBy {
     Interrupt,
 }
 
+impl StoppedBy {
+    /// Returns the name as the file has it.
+    pub fn name(self) -> &'static str {
+        match self {
+            StoppedBy::Episodes => "episodes",
+            StoppedBy::Interrupt => "interrupt",
+        }
+    }
+}
+
 /// What a run reached.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {

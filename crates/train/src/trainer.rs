@@ -249,6 +249,10 @@ impl Trainer {
         self.started = Instant::now();
         let mut saved_at = self.counters.episodes;
         progress.update(&self.status(0.0));
+        if self.counters.episodes == 0 {
+            // So that a run that is killed early can be resumed too.
+            self.save()?;
+        }
         let mut submitted = self.counters.episodes;
         submitted = self.submit(submitted)?;
         while self.counters.episodes < self.config.episodes {
@@ -279,6 +283,9 @@ impl Trainer {
         }
         if saved_at != self.counters.episodes {
             self.save()?;
+        }
+        if !stop.load(Ordering::Relaxed) {
+            progress.note(&format!("final evaluation: {} fresh episodes", self.config.evaluation.final_episodes));
         }
         progress.finish();
         self.finish(stop, before)
@@ -315,6 +322,7 @@ impl Trainer {
             self.counters.count_warnings(episode.warnings);
             if episode.diverged {
                 self.counters.diverged += 1;
+                tracing::warn!(episode = episode.index, "the simulation diverged; the episode is discarded");
                 continue;
             }
             self.counters.env_steps += episode.data.shape.n_steps as u64;
@@ -551,6 +559,11 @@ impl Trainer {
     /// Returns the run directory.
     pub fn directory(&self) -> &Path {
         self.run.path()
+    }
+
+    /// Returns the number of training episodes so far.
+    pub fn episodes(&self) -> u64 {
+        self.counters.episodes
     }
 }
 

@@ -139,6 +139,11 @@ impl Model {
         self.name(mj::mjOBJ_GEOM, id.0)
     }
 
+    /// Returns a body's name, empty when it has none.
+    pub fn body_name(&self, id: BodyId) -> String {
+        self.name(mj::mjOBJ_BODY, id.0)
+    }
+
     /// Returns the index of a joint's first coordinate in `qpos`.
     pub fn qpos_address(&self, id: JointId) -> usize {
         self.ints(self.get().jnt_qposadr, self.get().njnt)[id.0] as usize

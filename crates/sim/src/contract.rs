@@ -1,0 +1,456 @@
+//! The hand contract: what every hand must do in the simulator before it is worth training.
+//!
+//! Nothing here names a hand, a joint or a count: everything is read from the hand and from its compiled scenes.
+
+use std::sync::Arc;
+
+use eigenhand_hands::{FrameKind, Hand, Transmission};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use serde::Serialize;
+
+use crate::ffi::{Data, GeomId, Model, MuJoCo};
+use crate::{
+    EpisodeSetup, GraspEnv, GraspTask, Object, ObjectScene, PhysicsConfig, RewardConfig, SimError, TaskConfig,
+};
+
+/// Random episodes with each object.
+const EPISODES_PER_OBJECT: usize = 3;
+/// Control steps for which a random command is held, so that the hand gets somewhere.
+const HOLD_STEPS: usize = 8;
+/// Time in s that an actuator has to move its joints.
+const DRIVE_TIME: f64 = 1.0;
+/// Time in s of fresh random commands at every control step.
+const NOISE_TIME: f64 = 1.0;
+/// Least movement between the ends of an actuator's range, as a share of the joint's range.
+const LEAST_MOVEMENT: f64 = 0.1;
+/// Range in rad or m that a joint without limits is taken to have.
+const UNLIMITED_RANGE: f64 = 1.0;
+/// How far in m from its place the object is put where it must not be in the way.
+const AWAY: f64 = 0.8;
+/// Entry of the observation that is constant where there is one object.
+const OBJECT_ID: &str = "object:id";
+/// Seed of the random episodes; the contract gives one answer for one hand.
+const SEED: u64 = 20;
+
+/// The task under which a hand is checked.
+#[derive(Clone, Debug)]
+pub struct Setting {
+    /// Names of the objects.
+    pub objects: Vec<String>,
+    /// Settings of an episode.
+    pub task: TaskConfig,
+    /// Settings of the simulation.
+    pub physics: PhysicsConfig,
+    /// Constants of success.
+    pub reward: RewardConfig,
+}
+
+/// One condition and whether it holds.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Check {
+    /// Short name of the condition.
+    pub name: &'static str,
+    /// Whether it holds.
+    pub passed: bool,
+    /// What was found; for a failure, what to change.
+    pub detail: String,
+}
+
+/// Result of the contract for one hand.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ContractReport {
+    /// Name of the hand.
+    pub hand: String,
+    /// SHA-256 over the hand's files.
+    pub digest: String,
+    /// The conditions, in the order in which they were looked at; those after a fatal one are missing.
+    pub checks: Vec<Check>,
+}
+
+impl ContractReport {
+    /// Tells whether every condition holds.
+    pub fn passed(&self) -> bool {
+        self.checks.iter().all(|check| check.passed)
+    }
+}
+
+/// `Ok` says what was found, `Err` what is wrong.
+type Finding = Result<String, String>;
+
+/// Checks a hand with every object of the setting.
+pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractReport {
+    let mut report =
+        ContractReport { hand: hand.manifest.name.clone(), digest: hand.digest.clone(), checks: Vec::new() };
+    let Setting { objects, task, physics, reward } = setting;
+    let compiled = GraspTask::new(library, hand, objects, task.clone(), physics.clone(), reward.clone());
+    let task = match compiled {
+        Ok(task) => Arc::new(task),
+        Err(error) => {
+            report.add("compiles", Err(with_sources(&error)));
+            return report;
+        }
+    };
+    report.add("compiles", Ok(format!("with {}", objects.join(", "))));
+    report.add("scenes load", scenes_load(&task, library));
+    report.add("names resolve", names_resolve(hand, &task));
+    report.add("open posture is free", open_posture_is_free(&task));
+    report.add("actuators move their joints", actuators_move(hand, &task));
+    report.add("noise raises no warning", noise_is_quiet(&task));
+    report.add("deterministic", is_deterministic(&task));
+    match explore(hand, &task) {
+        Ok(found) => {
+            report.add("observations are finite", found.finite());
+            report.add("observations vary", found.varied(&task));
+            report.add("object is within reach", found.reach(&task));
+        }
+        Err(error) => report.add("random episodes", Err(with_sources(&error))),
+    }
+    report
+}
+
+impl ContractReport {
+    fn add(&mut self, name: &'static str, finding: Finding) {
+        let passed = finding.is_ok();
+        let detail = match finding {
+            Ok(text) | Err(text) => text,
+        };
+        self.checks.push(Check { name, passed, detail });
+    }
+}
+
+fn with_sources(error: &SimError) -> String {
+    let mut text = error.to_string();
+    let mut source = std::error::Error::source(error);
+    while let Some(cause) = source {
+        text.push_str(&format!(": {cause}"));
+        source = cause.source();
+    }
+    text
+}
+
+fn scenes_load(task: &GraspTask, library: &Arc<MuJoCo>) -> Finding {
+    for scene in &task.scenes {
+        let again = Model::from_xml(library, &scene.scene.xml, &scene.scene.assets)
+            .map_err(|error| format!("{}: {}", scene.object.name, with_sources(&error)))?;
+        let sizes = |model: &Model| [model.nq(), model.nv(), model.nu(), model.nbody(), model.ngeom(), model.nsite()];
+        if sizes(&again) != sizes(&scene.model) {
+            return Err(format!("{}: a second reading of the scene gives another model", scene.object.name));
+        }
+    }
+    let bytes: usize = task.scenes.iter().map(|s| s.scene.xml.len()).sum();
+    Ok(format!("{} scenes, {} kB of MJCF", task.scenes.len(), bytes / 1000))
+}
+
+fn names_resolve(hand: &Hand, task: &GraspTask) -> Finding {
+    let model = &task.scenes[0].model;
+    let manifest = &hand.manifest;
+    let missing = |what: &str, name: &str| format!("the compiled scene has no {what} {name:?}, which the hand names");
+    model.body(&manifest.palm).map_err(|_| missing("body", &manifest.palm))?;
+    for joint in hand.joints.iter().chain(&hand.posture) {
+        let id = model.joint(&joint.name).map_err(|_| missing("joint", &joint.name))?;
+        let compiled = model.joint_range(id);
+        let same = match (compiled, joint.range) {
+            (Some(a), Some(b)) => (a.0 - b.0).abs() < 1e-6 && (a.1 - b.1).abs() < 1e-6,
+            (a, b) => a.is_none() && b.is_none(),
+        };
+        if !same {
+            return Err(format!(
+                "joint {:?}: the hand's range is {:?}, but the compiled model's is {compiled:?}",
+                joint.name, joint.range
+            ));
+        }
+    }
+    for tip in &hand.fingertips {
+        match tip.kind {
+            FrameKind::Body => model.body(&tip.name).map(|_| ()).map_err(|_| missing("body", &tip.name))?,
+            FrameKind::Site => model.site(&tip.name).map(|_| ()).map_err(|_| missing("site", &tip.name))?,
+        }
+    }
+    let expected = hand.actuation().actuators;
+    if task.actuators != expected {
+        return Err(format!("actuators in the model: {:?}; expected {expected:?}", task.actuators));
+    }
+    let (joints, tips) = (hand.posture.len(), hand.fingertips.len());
+    Ok(format!("{joints} joints, {} actuators, {tips} fingertips", task.actuators.len()))
+}
+
+fn open_posture_is_free(task: &Arc<GraspTask>) -> Finding {
+    let mut env = GraspEnv::new(task).map_err(|error| with_sources(&error))?;
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    for (index, scene) in task.scenes.iter().enumerate() {
+        for _ in 0..EPISODES_PER_OBJECT {
+            env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random)
+                .map_err(|error| format!("{}: {}", scene.object.name, with_sources(&error)))?;
+            let at = &scene.addresses;
+            let touching = env.simulation().contacts().find(|c| c.geoms.iter().any(|geom| at.is_hand[geom.index()]));
+            if let Some(contact) = touching {
+                let [a, b] = contact.geoms.map(|geom| describe(geom, scene));
+                return Err(format!(
+                    "{a} touches {b} at the start of an episode with the {} (depth {:.1} mm): change the open \
+                     posture, the mount's height or slide.start, or exclude the pair of bodies from contact",
+                    scene.object.name,
+                    -1000.0 * contact.distance
+                ));
+            }
+        }
+    }
+    Ok("no contact with the plane, an object or itself at the start".to_owned())
+}
+
+fn describe(geom: GeomId, scene: &ObjectScene) -> String {
+    let (at, model) = (&scene.addresses, &scene.model);
+    if geom == at.plane {
+        return "the plane".to_owned();
+    }
+    if geom == at.object {
+        return format!("the {}", scene.object.name);
+    }
+    match model.geom_name(geom) {
+        name if name.is_empty() => format!("a geom of body {:?}", model.body_name(model.geom_body(geom))),
+        name => format!("geom {name:?}"),
+    }
+}
+
+/// A simulation of the open hand, the slide up and the object out of the way.
+fn open_hand(task: &GraspTask, scene: &ObjectScene) -> Result<Data, SimError> {
+    let at = &scene.addresses;
+    let mut data = scene.data()?;
+    data.qpos_mut().copy_from_slice(&at.start_qpos);
+    data.qpos_mut()[at.slide_qpos] = task.slide_top;
+    data.qpos_mut()[at.object_qpos] += AWAY;
+    data.ctrl_mut().copy_from_slice(&task.start_ctrl);
+    data.ctrl_mut()[at.slide_ctrl] = task.slide_top;
+    data.forward();
+    Ok(data)
+}
+
+fn actuators_move(hand: &Hand, task: &GraspTask) -> Finding {
+    let scene = &task.scenes[0];
+    let steps = (DRIVE_TIME / task.physics.timestep).ceil() as usize;
+    let mut least: Option<(f64, &str)> = None;
+    let mut skipped = Vec::new();
+    for (index, name) in task.actuators.iter().enumerate() {
+        let joints: Vec<&str> = if index == scene.addresses.slide_ctrl {
+            vec![hand.manifest.slide.name.as_str()]
+        } else {
+            match hand.actuators.iter().find(|a| a.name == *name).map(|a| &a.transmission) {
+                Some(Transmission::Joint(joint)) => vec![joint.as_str()],
+                Some(Transmission::FixedTendon { terms, .. }) => {
+                    terms.iter().map(|(joint, _)| joint.as_str()).collect()
+                }
+                _ => {
+                    skipped.push(name.as_str());
+                    continue;
+                }
+            }
+        };
+        let (low, high) = task.control_ranges[index];
+        let mut ends = Vec::new();
+        for command in [low, high] {
+            let mut data = open_hand(task, scene).map_err(|error| with_sources(&error))?;
+            data.ctrl_mut()[index] = command;
+            (0..steps).for_each(|_| data.step());
+            if !data.warnings().is_clear() {
+                return Err(format!("actuator {name:?} at {command:.3}: MuJoCo warns {:?}", data.warnings()));
+            }
+            ends.push(data);
+        }
+        for joint in joints {
+            let id = scene.model.joint(joint).map_err(|error| with_sources(&error))?;
+            let address = scene.model.qpos_address(id);
+            let moved = (ends[1].qpos()[address] - ends[0].qpos()[address]).abs();
+            let range = scene.model.joint_range(id).map_or(UNLIMITED_RANGE, |(a, b)| b - a);
+            let share = moved / range;
+            if share.is_nan() || share < LEAST_MOVEMENT {
+                return Err(format!(
+                    "actuator {name:?} moves joint {joint:?} by {:.1} % of its range between its ends {low:.3} and \
+                     {high:.3}: look at its gain, force limits and the joint's damping",
+                    100.0 * share
+                ));
+            }
+            if least.is_none_or(|(other, _)| share < other) {
+                least = Some((share, joint));
+            }
+        }
+    }
+    let mut text = match least {
+        Some((share, joint)) => format!("the least movement is {:.0} % of a joint's range ({joint})", 100.0 * share),
+        None => "no actuator acts on a joint".to_owned(),
+    };
+    if !skipped.is_empty() {
+        text.push_str(&format!("; not looked at, as they act on no joint: {}", skipped.join(", ")));
+    }
+    Ok(text)
+}
+
+fn noise_is_quiet(task: &Arc<GraspTask>) -> Finding {
+    let mut env = GraspEnv::new(task).map_err(|error| with_sources(&error))?;
+    let mut random = ChaCha8Rng::seed_from_u64(SEED);
+    let steps = (NOISE_TIME / task.physics.control_period()).ceil() as usize;
+    let mut action = vec![0.0; task.action_len()];
+    for (index, scene) in task.scenes.iter().enumerate() {
+        let at = |error: SimError| format!("with the {}: {}", scene.object.name, with_sources(&error));
+        env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random).map_err(at)?;
+        for _ in 0..steps {
+            action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
+            env.step(&action).map_err(at)?;
+        }
+        let warnings = env.warnings();
+        if !warnings.is_clear() {
+            return Err(format!("with the {}: MuJoCo warns {warnings:?}", scene.object.name));
+        }
+    }
+    Ok(format!("{NOISE_TIME} s with each of {} objects", task.scenes.len()))
+}
+
+fn is_deterministic(task: &Arc<GraspTask>) -> Finding {
+    let play = || -> Result<Vec<u32>, SimError> {
+        let mut env = GraspEnv::new(task)?;
+        let mut random = ChaCha8Rng::seed_from_u64(SEED);
+        let mut seen = Vec::new();
+        let mut observation = vec![0.0; task.observation_len()];
+        let mut action = vec![0.0; task.action_len()];
+        env.reset(EpisodeSetup { scene: task.scenes.len() - 1, goal_height: task.config.goal_height }, &mut random)?;
+        for _ in 0..task.config.steps {
+            action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
+            env.step(&action)?;
+            env.observe(&mut observation);
+            seen.extend(observation.iter().map(|value| value.to_bits()));
+        }
+        Ok(seen)
+    };
+    let first = play().map_err(|error| with_sources(&error))?;
+    let second = play().map_err(|error| with_sources(&error))?;
+    match first.iter().zip(&second).position(|(a, b)| a != b) {
+        Some(at) => Err(format!(
+            "two simulations of one seed differ from step {} on, in {}",
+            at / task.observation_len() + 1,
+            task.observation_layout()[at % task.observation_len()].name
+        )),
+        None => Ok(format!("two simulations of one seed agree in every bit of {} steps", task.config.steps)),
+    }
+}
+
+/// What random episodes with held commands showed.
+struct Exploration {
+    episodes: usize,
+    steps: usize,
+    lowest: Vec<f32>,
+    highest: Vec<f32>,
+    /// Name of the first entry that was not finite.
+    not_finite: Option<String>,
+    /// Lowest height of a fingertip in m, and which.
+    lowest_tip: Option<(f64, String)>,
+    /// Episodes in which the hand touched the object.
+    touched: usize,
+}
+
+fn explore(hand: &Hand, task: &Arc<GraspTask>) -> Result<Exploration, SimError> {
+    let n = task.observation_len();
+    let mut found = Exploration {
+        episodes: 0,
+        steps: 0,
+        lowest: vec![f32::INFINITY; n],
+        highest: vec![f32::NEG_INFINITY; n],
+        not_finite: None,
+        lowest_tip: None,
+        touched: 0,
+    };
+    let layout = task.observation_layout();
+    let mut env = GraspEnv::new(task)?;
+    let mut random = ChaCha8Rng::seed_from_u64(SEED + 1);
+    let mut observation = vec![0.0; n];
+    let mut action = vec![0.0; task.action_len()];
+    for (scene, _) in task.scenes.iter().enumerate() {
+        for _ in 0..EPISODES_PER_OBJECT {
+            env.reset(EpisodeSetup { scene, goal_height: task.config.goal_height }, &mut random)?;
+            found.episodes += 1;
+            let mut touched = false;
+            for step in 0..task.config.steps {
+                if step % HOLD_STEPS == 0 {
+                    action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
+                }
+                touched |= env.step(&action)?.touches_hand;
+                env.observe(&mut observation);
+                found.steps += 1;
+                for (i, &value) in observation.iter().enumerate() {
+                    found.lowest[i] = found.lowest[i].min(value);
+                    found.highest[i] = found.highest[i].max(value);
+                    if !value.is_finite() {
+                        found.not_finite.get_or_insert_with(|| layout[i].name.clone());
+                    }
+                }
+                found.see_tips(hand, env.simulation())?;
+            }
+            found.touched += usize::from(touched);
+        }
+    }
+    Ok(found)
+}
+
+impl Exploration {
+    fn see_tips(&mut self, hand: &Hand, data: &Data) -> Result<(), SimError> {
+        let model = data.model();
+        for tip in &hand.fingertips {
+            let height = match tip.kind {
+                FrameKind::Body => data.body_position(model.body(&tip.name)?).z,
+                FrameKind::Site => data.site_position(model.site(&tip.name)?).z,
+            };
+            if self.lowest_tip.as_ref().is_none_or(|(lowest, _)| height < *lowest) {
+                self.lowest_tip = Some((height, tip.name.clone()));
+            }
+        }
+        Ok(())
+    }
+
+    fn finite(&self) -> Finding {
+        match &self.not_finite {
+            Some(name) => Err(format!("{name} is not a number in some of {} random episodes", self.episodes)),
+            None => Ok(format!("{} numbers at each of {} steps", self.lowest.len(), self.steps)),
+        }
+    }
+
+    fn varied(&self, task: &GraspTask) -> Finding {
+        let constant: Vec<String> = task
+            .observation_layout()
+            .into_iter()
+            .zip(self.lowest.iter().zip(&self.highest))
+            .filter(|(_, (low, high))| low == high)
+            .map(|(entry, _)| entry.name)
+            // With one object its number is the same in every episode.
+            .filter(|name| task.scenes.len() > 1 || name != OBJECT_ID)
+            .collect();
+        if constant.is_empty() {
+            Ok(format!("no constant entry in {} random episodes", self.episodes))
+        } else {
+            Err(format!(
+                "constant over {} random episodes: {}; a joint that cannot move does not belong in posture_joints",
+                self.episodes,
+                constant.join(", ")
+            ))
+        }
+    }
+
+    fn reach(&self, task: &GraspTask) -> Finding {
+        let top = |object: &Object| 2.0 * object.shape.depth_below_centre(&nalgebra::UnitQuaternion::identity());
+        let shortest = task.scenes.iter().map(|scene| top(&scene.object)).fold(f64::INFINITY, f64::min);
+        let Some((height, tip)) = &self.lowest_tip else {
+            return Err("the hand names no fingertip".to_owned());
+        };
+        let advice = "lower mount.position or slide.range, or bring the mount above the object";
+        if *height > shortest {
+            return Err(format!(
+                "the lowest fingertip ({tip}) comes down to {height:.3} m, but the lowest object is {shortest:.3} m \
+                 tall: {advice}"
+            ));
+        }
+        if self.touched == 0 {
+            return Err(format!("no object was touched in {} random episodes: {advice}", self.episodes));
+        }
+        Ok(format!(
+            "fingertip {tip} comes down to {height:.3} m; {} of {} random episodes touch the object",
+            self.touched, self.episodes
+        ))
+    }
+}

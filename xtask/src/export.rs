@@ -1,0 +1,52 @@
+//! `cargo xtask export`
+
+use std::path::PathBuf;
+
+use eigenhand_train::launch;
+use serde::Serialize;
+
+use crate::output::{Outcome, print, print_json};
+use crate::setup;
+
+/// Writes what a controller takes home from a run: the synergy, the policy, and scenes for plain MuJoCo
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  cargo xtask export runs/shadow-quick-l1-s1-1 --out my-shadow")]
+pub struct Args {
+    /// Run directory
+    run: PathBuf,
+    /// Directory to write: new, empty, or an earlier export
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints one JSON document on standard output
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    run: &'a PathBuf,
+    out: &'a PathBuf,
+    files: &'a [PathBuf],
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    setup::ensure_mujoco(&args.install)?;
+    let run = launch::load(&args.run, &args.plugins)?;
+    let files = launch::export(&run, &args.run, &args.out)?;
+    if args.json {
+        print_json(&Report { run: &args.run, out: &args.out, files: &files })?;
+        return Ok(Outcome::Done);
+    }
+    let listed: String = files.iter().map(|file| format!("{}\n", file.display())).collect();
+    print(&listed)?;
+    if !files.iter().any(|file| file.ends_with("synergy/synergy.toml")) {
+        eprintln!("note: the run has too few postures for a synergy, so only policy and scenes were written");
+    }
+    Ok(Outcome::Done)
+}

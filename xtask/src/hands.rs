@@ -1,0 +1,239 @@
+//! `cargo xtask hands`
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use clap::Subcommand;
+use eigenhand_train::{
+    ContractReport, HandSummary, MuJoCo, RegistryEntry, Transmission, check_hand, hand_named, registry,
+};
+use serde::Serialize;
+
+use crate::output::{Outcome, print, print_json, table_left};
+use crate::setup;
+
+/// Lists, shows and checks hands
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  cargo xtask hands list")]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Lists the hands that were found
+    #[command(after_help = "Example:\n  cargo xtask hands list --plugins ../my-hands")]
+    List(ListArgs),
+    /// Shows a hand's joints, actuators and settings, and where each setting comes from
+    #[command(after_help = "Example:\n  cargo xtask hands show shadow")]
+    Show(NamedArgs),
+    /// Runs the hand contract: what a hand must do in the simulator before it is worth training
+    #[command(
+        after_help = "Examples:\n  cargo xtask hands check shadow\n  cargo xtask hands check ../my-hands/gripper"
+    )]
+    Check(CheckArgs),
+}
+
+#[derive(clap::Args)]
+struct ListArgs {
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints one JSON document on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(clap::Args)]
+struct NamedArgs {
+    /// Name of the hand, or its directory
+    #[arg(value_name = "NAME|PATH")]
+    name: String,
+    #[command(flatten)]
+    common: ListArgs,
+}
+
+#[derive(clap::Args)]
+struct CheckArgs {
+    #[command(flatten)]
+    named: NamedArgs,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    match &args.command {
+        Command::List(args) => list(args),
+        Command::Show(args) => show(args),
+        Command::Check(args) => check(args),
+    }
+}
+
+/// A hand in the list.
+#[derive(Serialize)]
+struct Listed {
+    name: String,
+    directory: PathBuf,
+    description: Option<String>,
+    n_joints: Option<usize>,
+    n_actuators: Option<usize>,
+    n_fingers: Option<usize>,
+    digest: Option<String>,
+    error: Option<String>,
+}
+
+impl Listed {
+    fn of(entry: &RegistryEntry) -> Listed {
+        let summary = entry.summary();
+        let summary = summary.as_ref();
+        Listed {
+            name: entry.name.clone(),
+            directory: entry.directory.clone(),
+            description: summary.map(|s| s.description.clone()),
+            n_joints: summary.map(|s| s.n_joints),
+            n_actuators: summary.map(|s| s.n_actuators),
+            n_fingers: summary.map(|s| s.n_fingers),
+            digest: summary.map(|s| s.digest.clone()),
+            error: entry.hand.as_ref().err().map(ToString::to_string),
+        }
+    }
+}
+
+fn list(args: &ListArgs) -> anyhow::Result<Outcome> {
+    let registry = registry(&args.plugins)?;
+    let hands: Vec<Listed> = registry.list().iter().map(Listed::of).collect();
+    if args.json {
+        print_json(&hands)?;
+        return Ok(Outcome::Done);
+    }
+    if hands.is_empty() {
+        eprintln!("no hands were found; name a directory of hands with --plugins");
+        return Ok(Outcome::Done);
+    }
+    let width = hands.iter().map(|hand| hand.name.len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for hand in &hands {
+        let (name, directory) = (&hand.name, hand.directory.display());
+        match (&hand.error, hand.n_joints, hand.n_actuators, hand.n_fingers) {
+            (None, Some(joints), Some(actuators), Some(fingers)) => {
+                let description = hand.description.as_deref().unwrap_or_default();
+                writeln!(text, "{name:<width$}  {joints:>2} joints, {actuators:>2} actuators, {fingers} fingers")?;
+                if !description.is_empty() {
+                    writeln!(text, "{:<width$}  {description}", "")?;
+                }
+                writeln!(text, "{:<width$}  {directory}", "")?;
+            }
+            (error, ..) => {
+                let error = error.as_deref().unwrap_or_default();
+                writeln!(text, "{name:<width$}  BROKEN: {error}")?;
+            }
+        }
+    }
+    print(&text)?;
+    Ok(Outcome::Done)
+}
+
+fn show(args: &NamedArgs) -> anyhow::Result<Outcome> {
+    let hand = hand_named(&args.name, &args.common.plugins)?;
+    let summary = HandSummary::of(&hand);
+    if args.common.json {
+        print_json(&summary)?;
+    } else {
+        print(&describe_hand(&summary))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn describe_hand(hand: &HandSummary) -> String {
+    let range = |range: Option<(f64, f64)>| {
+        range.map_or_else(|| "unlimited".to_owned(), |(low, high)| format!("{low:.4} to {high:.4}"))
+    };
+    let mut text = format!(
+        "{}: {}\n{} joints, {} actuators, {} fingers; licence {}\n{}, digest {}\n",
+        hand.name,
+        hand.description,
+        hand.n_joints,
+        hand.n_actuators,
+        hand.n_fingers,
+        hand.licence,
+        hand.directory.display(),
+        hand.digest
+    );
+    let mut section = |title: &str, rows: Vec<Vec<String>>| {
+        if !rows.is_empty() {
+            text.push_str(&format!("\n{title}\n"));
+            table_left(&rows).lines().for_each(|line| text.push_str(&format!("  {line}\n")));
+        }
+    };
+    section(
+        &format!("posture: {} joints", hand.n_posture),
+        hand.posture.iter().map(|j| vec![j.name.clone(), range(j.range), j.unit.to_owned()]).collect(),
+    );
+    section(
+        "actuators, without the slide's",
+        hand.actuators
+            .iter()
+            .map(|a| {
+                let acts_on = match &a.transmission {
+                    Transmission::Joint(joint) => joint.clone(),
+                    Transmission::FixedTendon { terms, .. } => {
+                        terms.iter().map(|(joint, factor)| format!("{factor} {joint}")).collect::<Vec<_>>().join(" + ")
+                    }
+                    Transmission::Other(what) => what.clone(),
+                };
+                vec![a.name.clone(), format!("on {acts_on}"), range(Some(a.ctrlrange)), a.tag.clone()]
+            })
+            .collect(),
+    );
+    section(
+        "couplings",
+        hand.couplings
+            .iter()
+            .map(|c| match &c.driver {
+                Some(driver) => vec![c.dependent.clone(), format!("follows {driver}")],
+                None => vec![c.dependent.clone(), "is held in place".to_owned()],
+            })
+            .collect(),
+    );
+    section(
+        "settings, and who set them",
+        hand.values
+            .iter()
+            .map(|v| vec![v.key.clone(), format!("{:?}", v.origin).to_lowercase(), v.value.to_string()])
+            .collect(),
+    );
+    text
+}
+
+fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
+    let NamedArgs { name, common } = &args.named;
+    let hand = hand_named(name, &common.plugins)?;
+    setup::ensure_mujoco(&args.install)?;
+    let library = MuJoCo::load().map_err(eigenhand_train::TrainError::from)?;
+    let report = check_hand(&hand, &library)?;
+    if common.json {
+        print_json(&report)?;
+    } else {
+        print(&describe(&report))?;
+    }
+    Ok(if report.passed() { Outcome::Done } else { Outcome::Failed })
+}
+
+/// Says what the contract found, one line for each check.
+pub fn describe(report: &ContractReport) -> String {
+    let width = report.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
+    let mut text = String::new();
+    for check in &report.checks {
+        let mark = if check.passed { "ok  " } else { "FAIL" };
+        text.push_str(&format!("{mark}  {:<width$}  {}\n", check.name, check.detail));
+    }
+    let failed = report.checks.iter().filter(|check| !check.passed).count();
+    let verdict = match failed {
+        0 => "keeps the hand contract".to_owned(),
+        n => format!("fails {n} of {} checks", report.checks.len()),
+    };
+    text.push_str(&format!("hand {} {verdict}\n", report.hand));
+    text
+}

@@ -1,0 +1,282 @@
+//! `cargo xtask train`
+
+use std::fmt::Write;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::ValueEnum;
+use eigenhand_train::config::Preset;
+use eigenhand_train::launch::{Launch, NewRun, Plan, ResumedRun};
+use eigenhand_train::{Bar, Lines, Progress, Silent, StoppedBy, Summary};
+use serde::Serialize;
+
+use crate::output::{Outcome, counted, duration, percent, print, print_json};
+use crate::setup;
+
+/// Exit status of a program that Ctrl-C ended, by the shell's convention.
+pub const INTERRUPTED: u8 = 130;
+/// Time between two lines of progress where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(20);
+/// Largest seed and count that a TOML integer holds.
+const LARGEST: u64 = i64::MAX as u64;
+
+const EXAMPLES: &str = "\
+The layers of the configuration, each overriding the one before it: defaults, --preset, --config, --set, options.
+Ctrl-C stops after the present cycle with everything saved (exit status 130); Ctrl-C again stops at once.
+
+Examples:
+  cargo xtask train --hand shadow
+  cargo xtask train --hand shadow --lambda 0 --objects cube,sphere --set learner.gamma=0.95
+  cargo xtask train --resume runs/shadow-default-l1-s1-1
+  cargo xtask train --hand shadow --preset quick --seed 1";
+
+/// Trains a hand to grasp and lift, and extracts its synergy
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// Hand to train, by name (see `cargo xtask hands list`) or directory
+    #[arg(long, value_name = "NAME")]
+    hand: Option<String>,
+    /// Settings to start from [default: default, or what the configuration file names]
+    #[arg(long, value_name = "NAME", value_enum)]
+    preset: Option<PresetName>,
+    /// Weight of the synergy's approximation error in the reward; 0 turns it off
+    #[arg(long, value_name = "X")]
+    lambda: Option<f64>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=LARGEST))]
+    seed: Option<u64>,
+    /// Training episodes in all; with --resume a run can be extended
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
+    episodes: Option<u64>,
+    /// Objects to grasp, separated by commas
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    objects: Option<Vec<String>>,
+    /// Configuration file
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// One setting, such as learner.gamma=0.95; can be given several times
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    assignments: Vec<String>,
+    /// Run directory [default: runs/<hand>-<preset>-l<lambda>-s<seed>-<n>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Continues the run in this directory
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out"]
+    )]
+    resume: Option<PathBuf>,
+    /// Threads that simulate; 0 means one for each core. The result does not depend on it
+    #[arg(long, value_name = "N")]
+    workers: Option<usize>,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints the summary as JSON on standard output
+    #[arg(long)]
+    json: bool,
+    /// Shows no progress
+    #[arg(long)]
+    quiet: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum PresetName {
+    /// The settings that learn best
+    Default,
+    /// One object and a small range: learns in minutes
+    Quick,
+    /// The constants of the paper and of OpenAI baselines
+    Paper,
+}
+
+impl From<PresetName> for Preset {
+    fn from(name: PresetName) -> Preset {
+        match name {
+            PresetName::Default => Preset::Default,
+            PresetName::Quick => Preset::Quick,
+            PresetName::Paper => Preset::Paper,
+        }
+    }
+}
+
+/// A summary with the place of its run.
+#[derive(Serialize)]
+struct Report<'a> {
+    run: PathBuf,
+    #[serde(flatten)]
+    summary: &'a Summary,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    setup::ensure_mujoco(&args.install)?;
+    let launch = match &args.resume {
+        Some(run) => Launch::resume(&ResumedRun {
+            run: run.clone(),
+            episodes: args.episodes,
+            workers: args.workers,
+            plugins: args.plugins.clone(),
+        })?,
+        None => Launch::start(&NewRun {
+            hand: args.hand.clone(),
+            preset: args.preset.map(Preset::from),
+            file: args.config.clone(),
+            assignments: args.assignments.clone(),
+            lambda: args.lambda,
+            seed: args.seed,
+            episodes: args.episodes,
+            objects: args.objects.clone(),
+            workers: args.workers,
+            out: args.out.clone(),
+            plugins: args.plugins.clone(),
+        })?,
+    };
+    let plan = launch.plan().clone();
+    if !args.quiet {
+        eprint!("{}", heading(&plan));
+    }
+    let stop = stop_on_signal()?;
+    let mut progress: Box<dyn Progress> = if args.quiet {
+        Box::new(Silent)
+    } else if std::io::stderr().is_terminal() {
+        Box::new(Bar::new())
+    } else {
+        Box::new(Lines::new(LINE_EVERY))
+    };
+    let resume = format!("cargo xtask train --resume {}", plan.run.display());
+    let summary = launch
+        .run(&stop, progress.as_mut())
+        .with_context(|| format!("the run stopped; continue from its last checkpoint with: {resume}"))?;
+    if args.json {
+        print_json(&Report { run: plan.run.clone(), summary: &summary })?;
+    } else {
+        print(&describe(&plan, &summary))?;
+    }
+    match summary.stopped_by {
+        StoppedBy::Episodes => Ok(Outcome::Done),
+        StoppedBy::Interrupt => {
+            eprintln!("interrupted; continue with: {resume}");
+            Ok(Outcome::Interrupted)
+        }
+    }
+}
+
+/// Sets the flag at the first Ctrl-C or SIGTERM, and ends the program at the second.
+fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        eprintln!("\nstopping: this cycle is finished and saved; once more to stop at once");
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(stop)
+}
+
+fn heading(plan: &Plan) -> String {
+    let mut text = String::new();
+    let mut line = |name: &str, value: String| {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{name:<9} {value}");
+    };
+    line("run", plan.run.display().to_string());
+    let (joints, actuators) = (plan.n_joints, plan.n_actuators);
+    line("hand", format!("{}: {joints} joints, {actuators} actuators, {} fingers", plan.hand, plan.n_fingers));
+    line("objects", plan.objects.join(", "));
+    let resumed = match plan.episodes_done {
+        0 => String::new(),
+        n => format!(", from episode {n}"),
+    };
+    line(
+        "training",
+        format!(
+            "{} episodes{resumed}, lambda {}, seed {}, preset {}, {}",
+            plan.episodes,
+            plan.lambda,
+            plan.seed,
+            plan.preset.name(),
+            counted(plan.workers as u64, "worker")
+        ),
+    );
+    line("MuJoCo", format!("{} from {}", plan.mujoco_version, plan.mujoco_library));
+    text
+}
+
+fn describe(plan: &Plan, summary: &Summary) -> String {
+    let mut text = String::new();
+    let mut line = |name: &str, value: &str| {
+        let _ = writeln!(text, "{name:<10} {value}");
+    };
+    line(
+        "trained",
+        &format!(
+            "{} in {} ({} environment steps, {} updates)",
+            counted(summary.episodes, "episode"),
+            duration(summary.wall_s),
+            summary.env_steps,
+            summary.updates
+        ),
+    );
+    match summary.success_rate {
+        Some(rate) => {
+            let policy = summary.policy_episode;
+            line(
+                "success",
+                &format!("{} of {} fresh episodes (policy of episode {policy})", percent(rate), summary.eval_episodes),
+            );
+            if summary.success_rate_per_object.len() > 1 {
+                for (object, rate) in &summary.success_rate_per_object {
+                    line("", &format!("{object:<10} {:>7}", percent(*rate)));
+                }
+            }
+        }
+        None => line("success", "not evaluated, as the run was interrupted"),
+    }
+    match (summary.contribution_sum, summary.mean_error_rad) {
+        (Some(sum), Some(error)) => {
+            let rates: Vec<String> = summary.contribution.iter().map(|rate| format!("{:.1}", 100.0 * rate)).collect();
+            line(
+                "synergy",
+                &format!(
+                    "{} components of {}: {} = {:.1} % of the variance, mean error {error:.3} rad",
+                    rates.len(),
+                    counted(summary.n_postures, "posture"),
+                    rates.join(" + "),
+                    100.0 * sum
+                ),
+            );
+        }
+        _ => line("synergy", &format!("none: {} are too few", counted(summary.n_postures, "posture"))),
+    }
+    if summary.diverged_episodes > 0 {
+        line("diverged", &format!("{}, discarded", counted(summary.diverged_episodes, "episode")));
+    }
+    if summary.buffer_warnings > 0 {
+        line("warnings", &format!("MuJoCo's buffers were full at {}", counted(summary.buffer_warnings, "step")));
+    }
+    let run = plan.run.display().to_string();
+    line("files", &format!("{run}/"));
+    if summary.contribution_sum.is_some() {
+        line("", "  synergy/                      the synergy as TOML and NPY");
+    }
+    line("", "  policy.safetensors, .toml     the policy, and how to run it");
+    line("", "  scenes/                       scenes for plain MuJoCo");
+    line("", "  postures.sqlite               the posture database");
+    line("", "  metrics.csv, summary.json     how it learned");
+    if summary.stopped_by == StoppedBy::Episodes {
+        line("next", &format!("cargo xtask eval {run}"));
+        line("", &format!("cargo xtask export {run} --out my-{}", plan.hand));
+    }
+    text
+}
