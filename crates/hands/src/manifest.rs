@@ -123,7 +123,7 @@ pub struct Slide {
     pub force_limit: f64,
     /// Mass added to the joint, as a drive's rotor would (kg).
     pub armature: f64,
-    /// Largest upward speed of the command (m/s); absent: not limited.
+    /// Largest speed at which the servo raises the hand (m/s); absent: not limited.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rise_speed: Option<f64>,
 }
