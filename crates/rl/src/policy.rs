@@ -101,7 +101,7 @@ impl Policy {
     /// Reads back what [`export_tensors`](Self::export_tensors) wrote; the clips are those of `config`.
     ///
     /// # Errors
-    /// [`RlError`] names the tensor that is missing or whose shape does not fit.
+    /// [`RlError`] names the tensor that is missing, unexpected, or whose shape does not fit.
     pub fn import_tensors(tensors: &TensorMap, config: &NormalizerConfig) -> Result<Self, RlError> {
         let normalizer = |name: &str| -> Result<RunningNormalizer, RlError> {
             let dim = tensors.get(&format!("{name}.mean"))?.shape.iter().product();
@@ -111,16 +111,24 @@ impl Policy {
         };
         let (observation, goal) = (normalizer("observation")?, normalizer("goal")?);
         let mut sizes = vec![observation.dim() + goal.dim()];
-        while let Ok(bias) = tensors.get(&format!("actor.{}.bias", sizes.len() - 1)) {
-            sizes.push(bias.shape.iter().product());
+        let n_layers =
+            tensors.iter().filter(|(name, _)| name.starts_with("actor.") && name.ends_with(".weight")).count();
+        for i in 0..n_layers.max(1) {
+            sizes.push(tensors.get(&format!("actor.{i}.bias"))?.shape.iter().product());
         }
-        if sizes.len() < 2 || sizes.contains(&0) {
-            return Err(RlError::TensorMissing { name: "actor.0.bias".to_owned() });
+        if sizes.contains(&0) {
+            let (name, expected) = ("actor".to_owned(), "layers of at least one unit");
+            return Err(RlError::TensorValue { name, expected, got: format!("{sizes:?}") });
         }
         let mut actor = Mlp::zeros(&sizes, OutputActivation::Tanh);
         let mut parameters = actor.parameters().to_vec();
         tensors.read_layers("actor", &actor, &mut parameters)?;
         actor.parameters_mut().copy_from_slice(&parameters);
-        Ok(Self::new(actor, observation, goal))
+        let policy = Self::new(actor, observation, goal);
+        let written = policy.export_tensors();
+        match tensors.iter().find(|(name, _)| written.get(name).is_err()) {
+            Some((name, _)) => Err(RlError::TensorUnexpected { name: name.to_owned() }),
+            None => Ok(policy),
+        }
     }
 }

@@ -64,6 +64,25 @@ fn a_single_row_agrees_with_the_batched_network_and_the_export() {
 }
 
 #[test]
+fn an_imported_policy_acts_as_the_exported_one() {
+    let mut draws = rng::stream(27, "policy", 0);
+    let policy = learner(DdpgConfig::default(), &mut draws).policy(Which::Online);
+    let tensors = TensorMap::load_bytes(&policy.export_tensors().save_bytes().unwrap()).unwrap();
+    let normalizer = DdpgConfig::default().normalizer;
+    let imported = Policy::import_tensors(&tensors, &normalizer).unwrap();
+    let batch = random_batch(BATCH, SHAPE, &mut draws);
+    for i in 0..BATCH {
+        let (observation, goal) = (&batch.observations[i * 5..][..5], &batch.goals[i * 2..][..2]);
+        assert_eq!(act(&imported, observation, goal), act(&policy, observation, goal));
+    }
+    for (name, _) in tensors.iter() {
+        let mut without = tensors.clone();
+        without.remove(name);
+        assert!(Policy::import_tensors(&without, &normalizer).is_err(), "without {name}");
+    }
+}
+
+#[test]
 fn a_snapshot_does_not_change_and_is_shared_between_threads() {
     let mut draws = rng::stream(22, "policy", 0);
     let mut learner = learner(DdpgConfig::default(), &mut draws);
