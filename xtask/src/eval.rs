@@ -74,10 +74,14 @@ fn describe(found: &Assessment) -> String {
     rows.push(row(name, found.successes, found.episodes, found.success_rate, found.interval));
     let mut text = table(&rows);
     text.push_str(&format!(
-        "at the end: {:.1} cm from the goal on average; the hand's deepest penetration {:.1} mm in successes\n",
-        100.0 * found.mean_final_distance_m,
-        1000.0 * found.mean_penetration_m
+        "at the end the object is {:.1} cm from the goal on average",
+        100.0 * found.mean_final_distance_m
     ));
+    if found.successes > 0 {
+        let depth = 1000.0 * found.mean_penetration_m;
+        text.push_str(&format!(", and {depth:.1} mm deep in the hand's surface in successes"));
+    }
+    text.push('\n');
     if found.diverged > 0 {
         text.push_str(&format!("{} episodes diverged and count as failures\n", found.diverged));
     }

@@ -1,6 +1,9 @@
 //! The command line: parses, dispatches to the libraries, and prints.
 #![forbid(unsafe_code)]
 
+mod bench;
+mod checks;
+mod doctor;
 mod eval;
 mod export;
 mod hands;
@@ -37,6 +40,10 @@ enum Command {
     Eval(eval::Args),
     Export(export::Args),
     Hands(hands::Args),
+    Bench(bench::Args),
+    Test(checks::TestArgs),
+    Ci(checks::CiArgs),
+    Doctor(doctor::Args),
 }
 
 fn main() -> ExitCode {
@@ -45,6 +52,10 @@ fn main() -> ExitCode {
         Command::Eval(args) => eval::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Hands(args) => hands::run(&args),
+        Command::Bench(args) => bench::run(&args),
+        Command::Test(args) => checks::test(&args),
+        Command::Ci(args) => checks::ci(&args),
+        Command::Doctor(args) => doctor::run(&args),
     };
     match outcome {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

@@ -178,7 +178,9 @@ fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
         if flag.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
-        eprintln!("\nstopping: this cycle is finished and saved; once more to stop at once");
+        // A terminal has just shown ^C on the line.
+        let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
+        eprintln!("{newline}stopping after this cycle, with everything saved; Ctrl-C again stops at once");
     })
     .context("cannot listen for Ctrl-C")?;
     Ok(stop)

@@ -5,11 +5,12 @@
 //! under a temporary name and renamed. Random streams need no state: they are functions of the seed and of the
 //! counters in the record.
 
+use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use eigenhand_rl::{EpisodeData, TensorMap};
+use eigenhand_rl::{EpisodeData, TensorMap, UpdateStats};
 use eigenhand_sim::ffi::WarningCounts;
 use serde::{Deserialize, Serialize};
 
@@ -22,6 +23,8 @@ const REPLAY: &str = "replay.bin";
 const LEARNER: &str = "learner.safetensors";
 const BEST: &str = "best.safetensors";
 const RECORD: &str = "state.toml";
+/// First line of the record, before its value: the SHA-256 of the lines that follow.
+const DIGEST: &str = "digest = ";
 const PREFIX: &str = "episode-";
 const SCHEMA: u32 = 1;
 
@@ -49,6 +52,39 @@ pub struct Counters {
     pub best_success_rate: Option<f64>,
     /// Training episodes before it.
     pub best_episode: Option<u64>,
+    /// Success rate of the last evaluation.
+    pub last_evaluation: Option<f64>,
+    /// Whether the last noise-free training episodes succeeded, oldest first.
+    pub recent: VecDeque<bool>,
+    /// Updates since the last evaluation.
+    pub sums: UpdateSums,
+}
+
+/// Sums over the updates since the last evaluation, of which `metrics.csv` has the means.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UpdateSums {
+    /// Number of updates.
+    pub count: u64,
+    /// Losses of the first critic.
+    pub critic_loss: f64,
+    /// Losses of the actor; 0 for an update that left the actor alone.
+    pub actor_loss: f64,
+    /// Mean values of the batches' actions.
+    pub q: f64,
+    /// Mean targets.
+    pub target: f64,
+}
+
+impl UpdateSums {
+    /// Adds one update.
+    pub fn add(&mut self, stats: &UpdateStats) {
+        self.count += 1;
+        self.critic_loss += f64::from(stats.critic_loss);
+        self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
+        self.q += f64::from(stats.q_mean);
+        self.target += f64::from(stats.target_mean);
+    }
 }
 
 impl Counters {
@@ -176,7 +212,8 @@ impl Checkpoints {
         }
         let record = toml::to_string(&record)
             .map_err(|error| TrainError::Format { path: path.join(RECORD), reason: error.to_string() })?;
-        write_atomically(&partial.join(RECORD), record.as_bytes())?;
+        let digest = sha256(record.as_bytes());
+        write_atomically(&partial.join(RECORD), format!("{DIGEST}\"{digest}\"\n{record}").as_bytes())?;
         if path.exists() {
             fs::remove_dir_all(&path).map_err(io_error("replace", &path))?;
         }
@@ -227,7 +264,13 @@ fn damaged(path: &Path, reason: impl ToString, checkpoint: &Path, older: Option<
 fn read_record(checkpoint: &Path, older: Option<&Path>) -> Result<CheckpointRecord, TrainError> {
     let path = checkpoint.join(RECORD);
     let text = fs::read_to_string(&path).map_err(|error| damaged(&path, error, checkpoint, older))?;
-    let record: CheckpointRecord = toml::from_str(&text).map_err(|error| damaged(&path, error, checkpoint, older))?;
+    let (first, rest) = text.split_once('\n').unwrap_or_default();
+    let found = sha256(rest.as_bytes());
+    if first.strip_prefix(DIGEST).map(|digest| digest.trim_matches('"')) != Some(found.as_str()) {
+        let reason = format!("its first line is {first:?}, but the SHA-256 of the others is {found}");
+        return Err(damaged(&path, reason, checkpoint, older));
+    }
+    let record: CheckpointRecord = toml::from_str(rest).map_err(|error| damaged(&path, error, checkpoint, older))?;
     if record.schema != SCHEMA {
         let reason = format!("its schema is {}, but this version reads {SCHEMA}", record.schema);
         return Err(damaged(&path, reason, checkpoint, older));

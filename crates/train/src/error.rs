@@ -70,7 +70,9 @@ pub enum TrainError {
         path: PathBuf,
     },
     /// No hand was named.
-    #[error("no hand is named: add --hand NAME, or a line hand = \"NAME\" to the configuration file; hands found: {known}")]
+    #[error(
+        "no hand is named: add --hand NAME, or a line hand = \"NAME\" to the configuration file; hands found: {known}"
+    )]
     NoHand {
         /// Names of the hands that were found.
         known: String,
@@ -102,6 +104,14 @@ pub enum TrainError {
     ExportExists {
         /// The directory.
         path: PathBuf,
+    },
+    /// A measurement of another implementation failed.
+    #[error("{what} failed: {reason}")]
+    Bench {
+        /// What was run.
+        what: String,
+        /// What it said.
+        reason: String,
     },
     /// A file cannot be written in its format.
     #[error("cannot write {}: {reason}", path.display())]

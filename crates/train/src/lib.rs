@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod assess;
+pub mod bench;
 mod catalogue;
 mod checkpoint;
 pub mod config;

@@ -4,19 +4,18 @@
 //! present policy, and learns while they run. So rollouts overlap with learning, act with a policy that
 //! is one cycle old, and depend on nothing but seed and configuration.
 
-use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Policy, Replay, UpdateStats, Which, rng, sample_batch};
+use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Policy, Replay, Which, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_synergy::{Feedback, JointInfo, PostureDatabase, PostureRecord, RunningCovariance, Synergy, Unit};
 
-use crate::checkpoint::{Checkpoints, Counters};
+use crate::checkpoint::{Checkpoints, Counters, UpdateSums};
 use crate::config::{ActorChoice, RunConfig};
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate};
 use crate::metrics::{MetricsFile, Row};
@@ -69,26 +68,6 @@ struct Best {
     policy: Policy,
 }
 
-/// Means over the updates since the last evaluation.
-#[derive(Default)]
-struct UpdateMeans {
-    count: f64,
-    critic_loss: f64,
-    actor_loss: f64,
-    q: f64,
-    target: f64,
-}
-
-impl UpdateMeans {
-    fn add(&mut self, stats: &UpdateStats) {
-        self.count += 1.0;
-        self.critic_loss += f64::from(stats.critic_loss);
-        self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
-        self.q += f64::from(stats.q_mean);
-        self.target += f64::from(stats.target_mean);
-    }
-}
-
 /// A run that trains.
 pub struct Trainer {
     config: RunConfig,
@@ -109,9 +88,6 @@ pub struct Trainer {
     metrics: MetricsFile,
     counters: Counters,
     best: Option<Best>,
-    recent: VecDeque<bool>,
-    last_evaluation: Option<f64>,
-    means: UpdateMeans,
     started: Instant,
 }
 
@@ -136,7 +112,7 @@ impl Trainer {
             &mut init,
         )?;
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
-        Trainer::assemble(config, provenance, hand, task, run, learner, checkpoints)
+        Trainer::assemble(config, provenance, hand, task, run, learner, checkpoints, Counters::default())
     }
 
     /// Continues the run in a directory from its newest checkpoint, as if it had not stopped.
@@ -158,13 +134,12 @@ impl Trainer {
             task.action_len(),
             &restored.learner,
         )?;
-        let mut trainer = Trainer::assemble(config, provenance, hand, task, run, learner, checkpoints)?;
+        let counters = restored.counters;
+        let mut trainer = Trainer::assemble(config, provenance, hand, task, run, learner, checkpoints, counters)?;
         for episode in restored.episodes {
             trainer.replay.push(episode)?;
         }
-        trainer.counters = restored.counters;
         let episodes = trainer.counters.episodes;
-        trainer.metrics = MetricsFile::open(trainer.run.path(), episodes)?;
         trainer.database.truncate_from_episode(episodes)?;
         for posture in trainer.database.postures()? {
             trainer.covariance.push(&posture)?;
@@ -190,6 +165,7 @@ impl Trainer {
         Ok(trainer)
     }
 
+    #[allow(clippy::too_many_arguments)]
     fn assemble(
         config: RunConfig,
         provenance: Provenance,
@@ -198,6 +174,7 @@ impl Trainer {
         run: RunDirectory,
         learner: Ddpg,
         checkpoints: Checkpoints,
+        counters: Counters,
     ) -> Result<Trainer, TrainError> {
         let shape = episode_shape(&task);
         let joints = joint_infos(&task);
@@ -221,14 +198,11 @@ impl Trainer {
             },
             covariance: RunningCovariance::new(joints.len()),
             database: PostureDatabase::open(run.file(DATABASE), &joints)?,
-            metrics: MetricsFile::open(run.path(), 0)?,
+            metrics: MetricsFile::open(run.path(), counters.episodes)?,
             exploration: Arc::new(exploration),
             joints,
-            counters: Counters::default(),
+            counters,
             best: None,
-            recent: VecDeque::with_capacity(RECENT),
-            last_evaluation: None,
-            means: UpdateMeans::default(),
             started: Instant::now(),
             config,
             provenance,
@@ -255,6 +229,8 @@ impl Trainer {
         }
         let mut submitted = self.counters.episodes;
         submitted = self.submit(submitted)?;
+        // A checkpoint is taken between a cycle's episodes and what is learned after them.
+        self.learn()?;
         while self.counters.episodes < self.config.episodes {
             let (cycle_started, first_step) = (Instant::now(), self.counters.env_steps);
             let episodes = self.pool.collect()?;
@@ -328,10 +304,10 @@ impl Trainer {
             self.counters.env_steps += episode.data.shape.n_steps as u64;
             self.counters.updates_owed += self.config.training.updates_per_episode;
             if episode.greedy {
-                if self.recent.len() == RECENT {
-                    self.recent.pop_front();
+                if self.counters.recent.len() == RECENT {
+                    self.counters.recent.pop_front();
                 }
-                self.recent.push_back(episode.success);
+                self.counters.recent.push_back(episode.success);
             }
             self.reward.judge(&mut episode.data);
             self.learner.update_normalizers(&episode.data.observations, &episode.data.achieved_goals);
@@ -382,7 +358,7 @@ impl Trainer {
             let mut random = rng::stream(self.config.seed, "replay", self.counters.updates);
             sample_batch(&self.replay, &self.config.her, &mut random, &self.reward, &mut self.batch)?;
             let stats = self.learner.update(&self.batch, &mut random);
-            self.means.add(&stats);
+            self.counters.sums.add(&stats);
             self.counters.updates += 1;
         }
         Ok(())
@@ -408,7 +384,7 @@ impl Trainer {
             self.config.evaluation.episodes,
         )?;
         let rate = evaluation.success_rate;
-        self.last_evaluation = Some(rate);
+        self.counters.last_evaluation = Some(rate);
         if self.best.as_ref().is_none_or(|best| rate >= best.success_rate) {
             self.best = Some(Best { success_rate: rate, episode: self.counters.episodes, policy });
             self.counters.best_success_rate = Some(rate);
@@ -427,7 +403,7 @@ impl Trainer {
             100.0 * rate,
             per_object.join(", ")
         ));
-        self.means = UpdateMeans::default();
+        self.counters.sums = UpdateSums::default();
         Ok(())
     }
 
@@ -457,19 +433,21 @@ impl Trainer {
             _ => f64::NAN,
         };
         put("mean_error_rad", error);
-        let mean = |sum: f64| if self.means.count > 0.0 { sum / self.means.count } else { f64::NAN };
-        put("critic_loss", mean(self.means.critic_loss));
-        put("actor_loss", mean(self.means.actor_loss));
-        put("q_mean", mean(self.means.q));
-        put("target_mean", mean(self.means.target));
+        let sums = &c.sums;
+        // Nothing learned is nothing divided by nothing, which leaves the field empty.
+        let mean = |sum: f64| sum / sums.count as f64;
+        put("critic_loss", mean(sums.critic_loss));
+        put("actor_loss", mean(sums.actor_loss));
+        put("q_mean", mean(sums.q));
+        put("target_mean", mean(sums.target));
         put("diverged", c.diverged as f64);
         put("buffer_warnings", c.buffer_warnings as f64);
         Ok(row)
     }
 
     fn recent_success(&self) -> Option<f64> {
-        let good = self.recent.iter().filter(|success| **success).count();
-        (!self.recent.is_empty()).then(|| good as f64 / self.recent.len() as f64)
+        let good = self.counters.recent.iter().filter(|success| **success).count();
+        (!self.counters.recent.is_empty()).then(|| good as f64 / self.counters.recent.len() as f64)
     }
 
     fn status(&self, steps_per_s: f64) -> Status {
@@ -477,7 +455,7 @@ impl Trainer {
             episodes: self.counters.episodes,
             total: self.config.episodes,
             recent_success: self.recent_success(),
-            evaluated: self.last_evaluation,
+            evaluated: self.counters.last_evaluation,
             postures: self.counters.postures,
             contribution_sum: self.reward.feedback.synergy.as_deref().map(Synergy::contribution_sum),
             steps_per_s,
@@ -541,7 +519,7 @@ impl Trainer {
             eval_episodes: evaluation.as_ref().map_or(0, |e| e.episodes),
             mean_penetration_m: evaluation.as_ref().map(|e| e.mean_penetration),
             policy_episode,
-            last_evaluation: self.last_evaluation,
+            last_evaluation: self.counters.last_evaluation,
             n_postures: self.counters.postures,
             contribution: synergy.as_ref().map(|s| s.contribution().to_vec()).unwrap_or_default(),
             contribution_sum: synergy.as_ref().map(Synergy::contribution_sum),

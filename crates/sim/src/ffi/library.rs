@@ -64,7 +64,7 @@ impl MuJoCo {
             // preconditions. A library that the user names is trusted as a program he starts is.
             match unsafe { Library::new(candidate) } {
                 Ok(library) => return Self::check(library, candidate.to_string_lossy().into()),
-                Err(error) => reasons.push(error.to_string()),
+                Err(error) => reasons.push(reason(&error)),
             }
         }
         Err(SimError::LibraryMissing {
@@ -103,6 +103,11 @@ impl MuJoCo {
         let api = unsafe { MuJoCoLibrary::from_library(library) }.map_err(not_mujoco)?;
         Ok(MuJoCo { api, origin })
     }
+}
+
+/// Returns what the loader said; the library's error has it as its source.
+fn reason(error: &libloading::Error) -> String {
+    std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string)
 }
 
 /// `version` 222 => "2.2.2"

@@ -1,0 +1,226 @@
+//! Updates of the learner, against the matrix products in them and against other implementations.
+
+use std::time::{Duration, Instant};
+
+use eigenhand_rl::{
+    Batch, Ddpg, DdpgConfig, EpisodeData, EpisodeShape, HerConfig, Matrix, MatrixMut, Mlp, OutputActivation, Replay,
+    RewardFn, Write, gemm, rng, sample_batch,
+};
+use rand::RngExt;
+use serde::Serialize;
+
+use super::peers::{Peer, PeerSpeed};
+use super::{BenchSetting, median};
+use crate::TrainError;
+use crate::rollout::episode_shape;
+use crate::trainer::task_of;
+
+/// Episodes in the replay.
+const N_EPISODES: usize = 200;
+/// Updates, and samplings, that run before the others have their turn.
+const CHUNK: u32 = 10;
+/// Rows and columns of the matrices whose product is the measure of the core.
+const SQUARE: usize = 1024;
+/// Turns that each of two implementations has.
+const PEER_ROUNDS: usize = 3;
+
+/// Speed of one update on one thread.
+#[derive(Clone, Debug, Serialize)]
+pub struct LearnerSpeed {
+    /// Numbers in an observation.
+    pub obs_dim: usize,
+    /// Numbers in a goal.
+    pub goal_dim: usize,
+    /// Numbers in an action.
+    pub act_dim: usize,
+    /// Transitions in a minibatch.
+    pub batch: usize,
+    /// Updates a second, without drawing the minibatch.
+    pub updates_per_s: f64,
+    /// Updates a second, with drawing and relabelling the minibatch.
+    pub updates_with_sampling_per_s: f64,
+    /// Minibatches drawn and relabelled a second.
+    pub samplings_per_s: f64,
+    /// Floating-point operations of the matrix products in an update, in 1e9 a second.
+    pub gflops: f64,
+    /// Operations of a large square product on the same core, in 1e9 a second.
+    pub sgemm_gflops: f64,
+    /// The former over the latter, median over the pieces.
+    pub share_of_sgemm: f64,
+    /// Other implementations, in turn with this one.
+    pub peers: Vec<PeerSpeed>,
+}
+
+struct Near;
+
+impl RewardFn for Near {
+    fn reward(&self, achieved: &[f32], desired: &[f32], _: &[f32], _: &[f32]) -> f32 {
+        let square: f32 = achieved.iter().zip(desired).map(|(a, d)| (a - d) * (a - d)).sum();
+        if square < 0.25 { 0.0 } else { -1.0 }
+    }
+}
+
+/// Everything that an update needs.
+struct Bench {
+    learner: Ddpg,
+    replay: Replay,
+    batch: Batch,
+    her: HerConfig,
+    random: rand_chacha::ChaCha8Rng,
+}
+
+impl Bench {
+    fn new(config: DdpgConfig, shape: EpisodeShape) -> Result<Bench, TrainError> {
+        let mut random = rng::stream(0, "bench", 0);
+        let mut replay = Replay::new(N_EPISODES, shape)?;
+        for _ in 0..N_EPISODES {
+            let mut episode = EpisodeData::zeros(shape);
+            let EpisodeData { observations, achieved_goals, desired_goal, actions, .. } = &mut episode;
+            for x in observations.iter_mut().chain(achieved_goals).chain(desired_goal).chain(actions) {
+                *x = random.random_range(-1.0..1.0);
+            }
+            replay.push(episode)?;
+        }
+        let batch = Batch::new(config.batch_size, shape);
+        let mut learner = Ddpg::new(config, shape.obs_dim, shape.goal_dim, shape.act_dim, &mut random)?;
+        for episode in replay.episodes() {
+            learner.update_normalizers(&episode.observations, &episode.achieved_goals);
+        }
+        Ok(Bench { learner, replay, batch, her: HerConfig::default(), random })
+    }
+
+    fn sample(&mut self) -> Result<(), TrainError> {
+        Ok(sample_batch(&self.replay, &self.her, &mut self.random, &Near, &mut self.batch)?)
+    }
+
+    fn update(&mut self) {
+        self.learner.update(&self.batch, &mut self.random);
+    }
+
+    /// Returns updates a second, minibatches drawn included.
+    fn rate(&mut self, duration: Duration) -> Result<f64, TrainError> {
+        let start = Instant::now();
+        let mut updates = 0u32;
+        while start.elapsed() < duration {
+            for _ in 0..CHUNK {
+                self.sample()?;
+                self.update();
+            }
+            updates += CHUNK;
+        }
+        Ok(f64::from(updates) / start.elapsed().as_secs_f64())
+    }
+}
+
+/// Measures the default learner with each size of minibatch.
+///
+/// # Errors
+/// [`TrainError::Bench`] when a peer fails.
+pub fn learner_speed(
+    setting: &BenchSetting,
+    batches: &[usize],
+    peers: &[Peer],
+) -> Result<Vec<LearnerSpeed>, TrainError> {
+    let (config, hand, library) = setting.load()?;
+    let shape = episode_shape(task_of(&config, &hand, &library)?.as_ref());
+    batches
+        .iter()
+        .map(|&batch_size| {
+            let learner = DdpgConfig { batch_size, ..config.learner.clone() };
+            measure(learner, shape, setting.duration, peers)
+        })
+        .collect()
+}
+
+fn measure(
+    config: DdpgConfig,
+    shape: EpisodeShape,
+    duration: Duration,
+    peers: &[Peer],
+) -> Result<LearnerSpeed, TrainError> {
+    let flop = matrix_flop(&config, shape);
+    let batch = config.batch_size;
+    let mut bench = Bench::new(config, shape)?;
+    let (a, b) = (vec![0.5f32; SQUARE * SQUARE], vec![0.25f32; SQUARE * SQUARE]);
+    let mut c = vec![0.0f32; SQUARE * SQUARE];
+    bench.sample()?;
+    bench.update();
+    let (mut updates, mut samplings, mut products, mut shares) = (vec![], vec![], vec![], vec![]);
+    let start = Instant::now();
+    while start.elapsed() < duration {
+        let sampling = timed(|| (0..CHUNK).try_for_each(|_| bench.sample()))?;
+        let update = timed(|| {
+            (0..CHUNK).for_each(|_| bench.update());
+            Ok(())
+        })?;
+        let product = timed(|| {
+            let out = MatrixMut::new(&mut c, SQUARE, SQUARE);
+            gemm(out, Write::Replace, Matrix::new(&a, SQUARE, SQUARE), Matrix::new(&b, SQUARE, SQUARE));
+            Ok(())
+        })?;
+        std::hint::black_box(&c);
+        let (update, sampling) = (update / f64::from(CHUNK), sampling / f64::from(CHUNK));
+        let sgemm = 2.0 * (SQUARE * SQUARE * SQUARE) as f64 / product;
+        updates.push(update);
+        samplings.push(sampling);
+        products.push(sgemm);
+        shares.push(flop / update / sgemm);
+    }
+    let (update, sampling) = (median(&mut updates), median(&mut samplings));
+    Ok(LearnerSpeed {
+        obs_dim: shape.obs_dim,
+        goal_dim: shape.goal_dim,
+        act_dim: shape.act_dim,
+        batch,
+        updates_per_s: 1.0 / update,
+        updates_with_sampling_per_s: 1.0 / (update + sampling),
+        samplings_per_s: 1.0 / sampling,
+        gflops: flop / update / 1e9,
+        sgemm_gflops: median(&mut products) / 1e9,
+        share_of_sgemm: median(&mut shares),
+        peers: peers.iter().map(|peer| compare(peer, &mut bench, shape, duration)).collect::<Result<_, _>>()?,
+    })
+}
+
+/// Runs this implementation and another in turn.
+fn compare(peer: &Peer, bench: &mut Bench, shape: EpisodeShape, duration: Duration) -> Result<PeerSpeed, TrainError> {
+    let each = duration.div_f64(PEER_ROUNDS as f64);
+    let (mut ours, mut theirs, mut ratios) = (vec![], vec![], vec![]);
+    for _ in 0..PEER_ROUNDS {
+        let our_rate = bench.rate(each)?;
+        let their_rate = peer.updates_per_s(each, bench.batch.len, shape)?;
+        ours.push(our_rate);
+        theirs.push(their_rate);
+        ratios.push(our_rate / their_rate);
+    }
+    Ok(PeerSpeed {
+        name: peer.name.clone(),
+        updates_per_s: median(&mut theirs),
+        ours_per_s: median(&mut ours),
+        ratio: median(&mut ratios),
+    })
+}
+
+fn timed(work: impl FnOnce() -> Result<(), TrainError>) -> Result<f64, TrainError> {
+    let start = Instant::now();
+    work()?;
+    Ok(start.elapsed().as_secs_f64())
+}
+
+/// Operations of the matrix products of one update with one critic.
+fn matrix_flop(config: &DdpgConfig, shape: EpisodeShape) -> f64 {
+    let weights = |inputs: usize, outputs: usize| {
+        let sizes: Vec<usize> = std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect();
+        let net = Mlp::zeros(&sizes, OutputActivation::Linear);
+        let per_layer: Vec<usize> = net.layers().iter().map(|l| l.inputs * l.outputs).collect();
+        (per_layer.iter().sum::<usize>(), per_layer[0])
+    };
+    let state = shape.obs_dim + shape.goal_dim;
+    let (actor, actor_first) = weights(state, shape.act_dim);
+    let (critic, critic_first) = weights(state + shape.act_dim, 1);
+    let targets = actor + critic;
+    let critic_update = critic + critic + (critic - critic_first);
+    let through_critic = critic + (critic - critic_first) + config.hidden.first().map_or(0, |h| h * shape.act_dim);
+    let actor_update = actor + actor + (actor - actor_first);
+    2.0 * config.batch_size as f64 * (targets + critic_update + through_critic + actor_update) as f64
+}

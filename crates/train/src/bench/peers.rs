@@ -1,0 +1,108 @@
+//! Other implementations of the same update, which run in Python and are not part of this workspace.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use eigenhand_rl::EpisodeShape;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+
+/// Environment variable that names the Python which has the peers' packages.
+pub const PYTHON_VARIABLE: &str = "EIGENHAND_PEERS_PYTHON";
+/// Folder of the peers' scripts, in the workspace.
+const FOLDER: &str = "bench/peers";
+/// Python there, where a virtual environment was made.
+const PYTHON: &str = ".venv/bin/python";
+/// How the name of a script that measures updates ends.
+const SUFFIX: &str = "_update.py";
+/// Variables that keep numeric libraries on one thread.
+const ONE_THREAD: [&str; 4] = ["OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"];
+
+/// A script that measures another implementation.
+#[derive(Clone, Debug)]
+pub struct Peer {
+    /// Name of the implementation.
+    pub name: String,
+    python: PathBuf,
+    script: PathBuf,
+}
+
+/// Speed of another implementation, and of this one in turn with it.
+#[derive(Clone, Debug, Serialize)]
+pub struct PeerSpeed {
+    /// Name of the implementation.
+    pub name: String,
+    /// Its updates a second, minibatches drawn included.
+    pub updates_per_s: f64,
+    /// Ours, in the same run.
+    pub ours_per_s: f64,
+    /// Ours over its, median over the turns.
+    pub ratio: f64,
+}
+
+#[derive(Deserialize)]
+struct PeerRecord {
+    updates_per_s: f64,
+}
+
+/// Finds the peers of the workspace, and a Python that can run them; none where either is missing.
+pub fn find_peers() -> Vec<Peer> {
+    let Ok(current) = std::env::current_dir() else { return Vec::new() };
+    let Some(folder) = current.ancestors().map(|d| d.join(FOLDER)).find(|folder| folder.is_dir()) else {
+        return Vec::new();
+    };
+    let python = std::env::var_os(PYTHON_VARIABLE)
+        .filter(|value| !value.is_empty())
+        .map_or_else(|| folder.join(PYTHON), PathBuf::from);
+    if !runs(&python) {
+        return Vec::new();
+    }
+    let scripts = folder.read_dir().into_iter().flatten().flatten().filter_map(|entry| {
+        let script = entry.path();
+        let name = script.file_name()?.to_str()?.strip_suffix(SUFFIX)?.to_owned();
+        Some(Peer { name, python: python.clone(), script })
+    });
+    let mut peers: Vec<Peer> = scripts.collect();
+    peers.sort_by(|a, b| a.name.cmp(&b.name));
+    peers
+}
+
+fn runs(python: &Path) -> bool {
+    let status = Command::new(python).arg("--version").stdout(Stdio::null()).stderr(Stdio::null()).status();
+    status.is_ok_and(|status| status.success())
+}
+
+impl Peer {
+    /// Runs the script.
+    ///
+    /// # Errors
+    /// [`TrainError::Bench`] with what it said.
+    pub(super) fn updates_per_s(
+        &self,
+        duration: Duration,
+        batch: usize,
+        shape: EpisodeShape,
+    ) -> Result<f64, TrainError> {
+        let failed = |reason: String| TrainError::Bench { what: self.script.display().to_string(), reason };
+        let mut command = Command::new(&self.python);
+        command.arg(&self.script).args(["--seconds", &duration.as_secs_f64().to_string()]);
+        let sizes = [("batch", batch), ("obs", shape.obs_dim), ("goal", shape.goal_dim), ("act", shape.act_dim)];
+        for (name, size) in sizes {
+            command.arg(format!("--{name}")).arg(size.to_string());
+        }
+        ONE_THREAD.iter().for_each(|name| _ = command.env(name, "1"));
+        let output = command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
+        if !output.status.success() {
+            let text = String::from_utf8_lossy(&output.stderr);
+            let last = text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
+            return Err(failed(format!("{}: {last}", output.status)));
+        }
+        let text = String::from_utf8_lossy(&output.stdout);
+        let last = text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
+        let record: PeerRecord =
+            serde_json::from_str(last).map_err(|error| failed(format!("its last line is {last:?}: {error}")))?;
+        Ok(record.updates_per_s)
+    }
+}
