@@ -36,8 +36,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    setup::ensure_mujoco(&args.install)?;
-    let run = launch::load(&args.run, &args.plugins)?;
+    let run = setup::with_mujoco(&args.install, || launch::load(&args.run, &args.plugins))?;
     let workers = eigenhand_train::config::worker_count(args.workers);
     if !args.json {
         let hand = &run.hand.manifest.name;

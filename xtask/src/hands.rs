@@ -210,8 +210,7 @@ fn describe_hand(hand: &HandSummary) -> String {
 fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     let NamedArgs { name, common } = &args.named;
     let hand = hand_named(name, &common.plugins)?;
-    setup::ensure_mujoco(&args.install)?;
-    let library = MuJoCo::load().map_err(eigenhand_train::TrainError::from)?;
+    let library = setup::with_mujoco(&args.install, || Ok(MuJoCo::load()?))?;
     let report = check_hand(&hand, &library)?;
     if common.json {
         print_json(&report)?;

@@ -31,27 +31,45 @@ enum Privilege {
     SudoAsking,
 }
 
-/// Makes sure that MuJoCo loads; installs Debian's package when it is missing and that is possible and allowed.
+/// Does `work`; when that fails for want of MuJoCo, installs Debian's package, where that is possible and allowed, and
+/// does it again. So whatever else is wrong with a command is said before anything is installed.
 ///
 /// # Errors
-/// As [`MuJoCo::load`] when it cannot be mended here, or what went wrong while installing.
+/// Those of `work`, or what went wrong while installing.
+pub fn with_mujoco<T>(args: &InstallArgs, work: impl Fn() -> Result<T, TrainError>) -> anyhow::Result<T> {
+    match work() {
+        Err(missing) if missing.is_missing_library() => {
+            mend(args, missing)?;
+            work().map_err(|error| {
+                let installed = error.is_missing_library();
+                let error = anyhow::Error::from(error);
+                if installed { error.context(format!("{PACKAGE} was installed, but does not load")) } else { error }
+            })
+        }
+        outcome => Ok(outcome?),
+    }
+}
+
+/// Makes sure that MuJoCo loads.
+///
+/// # Errors
+/// As [`with_mujoco`].
 pub fn ensure_mujoco(args: &InstallArgs) -> anyhow::Result<()> {
-    let Err(missing) = MuJoCo::load() else { return Ok(()) };
-    let missing = TrainError::from(missing);
-    let forbidden = args.no_install || is_set(NO_INSTALL_VARIABLE) || is_set(LIBRARY_VARIABLE);
-    if forbidden || !missing.is_missing_library() || !is_debian() {
+    with_mujoco(args, || Ok(MuJoCo::load().map(|_| ())?))
+}
+
+/// Installs the package, or says why not.
+fn mend(args: &InstallArgs, missing: TrainError) -> anyhow::Result<()> {
+    if args.no_install || is_set(NO_INSTALL_VARIABLE) || is_set(LIBRARY_VARIABLE) || !is_debian() {
         return Err(missing.into());
     }
-    let Some(privilege) = privilege() else {
-        return Err(anyhow::Error::from(missing)).context(format!(
-            "{PACKAGE} is missing, and installing it takes root: run `{}` as root, then this command again",
+    match privilege() {
+        Some(privilege) => install(privilege),
+        None => bail!(
+            "MuJoCo is missing, and installing it takes root: run `{}` as root, then this command again (or set \
+             {LIBRARY_VARIABLE} to a libmujoco.so.2.2.2)",
             install_line()
-        ));
-    };
-    install(privilege)?;
-    match MuJoCo::load() {
-        Ok(_) => Ok(()),
-        Err(error) => Err(TrainError::from(error)).context(format!("{PACKAGE} was installed, but does not load")),
+        ),
     }
 }
 

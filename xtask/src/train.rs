@@ -11,7 +11,7 @@ use anyhow::Context;
 use clap::ValueEnum;
 use eigenhand_train::config::Preset;
 use eigenhand_train::launch::{Launch, NewRun, Plan, ResumedRun};
-use eigenhand_train::{Bar, Lines, Progress, Silent, StoppedBy, Summary};
+use eigenhand_train::{Bar, Lines, Progress, Silent, StoppedBy, Summary, TrainError};
 use serde::Serialize;
 
 use crate::output::{Outcome, counted, duration, percent, print, print_json};
@@ -118,28 +118,7 @@ struct Report<'a> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    setup::ensure_mujoco(&args.install)?;
-    let launch = match &args.resume {
-        Some(run) => Launch::resume(&ResumedRun {
-            run: run.clone(),
-            episodes: args.episodes,
-            workers: args.workers,
-            plugins: args.plugins.clone(),
-        })?,
-        None => Launch::start(&NewRun {
-            hand: args.hand.clone(),
-            preset: args.preset.map(Preset::from),
-            file: args.config.clone(),
-            assignments: args.assignments.clone(),
-            lambda: args.lambda,
-            seed: args.seed,
-            episodes: args.episodes,
-            objects: args.objects.clone(),
-            workers: args.workers,
-            out: args.out.clone(),
-            plugins: args.plugins.clone(),
-        })?,
-    };
+    let launch = setup::with_mujoco(&args.install, || prepare(args))?;
     let plan = launch.plan().clone();
     if !args.quiet {
         eprint!("{}", heading(&plan));
@@ -167,6 +146,30 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             eprintln!("interrupted; continue with: {resume}");
             Ok(Outcome::Interrupted)
         }
+    }
+}
+
+fn prepare(args: &Args) -> Result<Launch, TrainError> {
+    match &args.resume {
+        Some(run) => Launch::resume(&ResumedRun {
+            run: run.clone(),
+            episodes: args.episodes,
+            workers: args.workers,
+            plugins: args.plugins.clone(),
+        }),
+        None => Launch::start(&NewRun {
+            hand: args.hand.clone(),
+            preset: args.preset.map(Preset::from),
+            file: args.config.clone(),
+            assignments: args.assignments.clone(),
+            lambda: args.lambda,
+            seed: args.seed,
+            episodes: args.episodes,
+            objects: args.objects.clone(),
+            workers: args.workers,
+            out: args.out.clone(),
+            plugins: args.plugins.clone(),
+        }),
     }
 }
 
