@@ -4,5 +4,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod edges;
+mod reward;
+mod simulation;
 mod source;
 mod support;
+mod training;

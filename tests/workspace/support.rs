@@ -1,8 +1,19 @@
-//! What several modules need.
+//! What several modules need: the hands, a small hand of their own, and tiny training runs.
 
-use std::path::PathBuf;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use eigenhand_hands::{Registry, SearchPath};
+use eigenhand_hands::{Hand, Registry, SearchPath};
+use eigenhand_rl::{Policy, Tensor, TensorMap};
+use eigenhand_sim::GraspTask;
+use eigenhand_sim::ffi::MuJoCo;
+use eigenhand_train::config::{Layers, Preset, RunConfig};
+use eigenhand_train::{
+    Behaviour, EpisodeJob, Progress, Provenance, RunDirectory, Silent, Status, Summary, TrainError, Trainer, task_of,
+};
+use tempfile::TempDir;
 
 /// Returns the root of the workspace.
 pub fn workspace() -> PathBuf {
@@ -15,4 +26,270 @@ pub fn registry() -> Registry {
     let mut path = SearchPath::new();
     path.push(workspace().join("plugins"), "the workspace");
     Registry::discover(&path).expect("plugins/")
+}
+
+/// Returns the simulator; a machine without it fails the test with the error that says what to install.
+pub fn mujoco() -> Arc<MuJoCo> {
+    MuJoCo::load().unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Returns the Python to test examples with: the one that is named, or the system's.
+pub fn python() -> String {
+    std::env::var("EIGENHAND_PYTHON").unwrap_or_else(|_| "python3".to_owned())
+}
+
+/// Tells whether Python runs and has all of these modules; says so when it has not.
+pub fn python_has(modules: &str) -> bool {
+    let probe = std::process::Command::new(python()).args(["-c", &format!("import {modules}")]).output();
+    let there = probe.is_ok_and(|output| output.status.success());
+    if !there {
+        println!("skipped: {} cannot import {modules} (EIGENHAND_PYTHON names another)", python());
+    }
+    there
+}
+
+const GRIPPER_MANIFEST: &str = r#"schema = 1
+name = "gripper"
+model = "gripper.xml"
+palm = "bridge"
+fingertips = ["left", "right"]
+
+[mount]
+position = [0.0, 0.0, 0.12]
+
+[slide]
+range = [-0.045, 0.12]
+"#;
+
+// Two pads that close on what lies between them; the right one follows the left. The gripper learns
+// and fails in a fraction of the time that a hand of many joints takes.
+const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
+  <default>
+    <joint type="slide" limited="true" range="0 0.05" damping="10" armature="0.01"/>
+    <geom contype="1" conaffinity="0" friction="2 0.05 0.01"/>
+  </default>
+  <worldbody>
+    <body name="bridge">
+      <geom type="box" size="0.02 0.07 0.01" mass="0.3"/>
+      <body name="left" pos="0 0.06 -0.04">
+        <joint name="left_joint" axis="0 -1 0"/>
+        <geom type="box" size="0.02 0.008 0.03" mass="0.05"/>
+      </body>
+      <body name="right" pos="0 -0.06 -0.04">
+        <joint name="right_joint" axis="0 1 0"/>
+        <geom type="box" size="0.02 0.008 0.03" mass="0.05"/>
+      </body>
+      <!-- extra bodies -->
+    </body>
+  </worldbody>
+  <equality>
+    <joint name="together" joint1="right_joint" joint2="left_joint" polycoef="0 1 0 0 0"/>
+  </equality>
+  <actuator>
+    <position name="close" joint="left_joint" kp="400" ctrllimited="true" ctrlrange="0 0.05"/>
+    <!-- extra actuators -->
+  </actuator>
+</mujoco>
+"#;
+
+/// Returns a gripper of two pads.
+pub fn gripper() -> Hand {
+    gripper_with("", "")
+}
+
+/// Returns the gripper with more bodies and actuators.
+pub fn gripper_with(bodies: &str, actuators: &str) -> Hand {
+    let directory = TempDir::new().unwrap();
+    let model = GRIPPER_MODEL.replace("<!-- extra bodies -->", bodies).replace("<!-- extra actuators -->", actuators);
+    std::fs::write(directory.path().join("hand.toml"), GRIPPER_MANIFEST).unwrap();
+    std::fs::write(directory.path().join("gripper.xml"), model).unwrap();
+    Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Settings of a run that takes a second or two, before those of the test.
+const TINY: [&str; 37] = [
+    "hand=gripper",
+    "episodes=24",
+    "objects=[\"cube\"]",
+    "workers=1",
+    "lambda=1",
+    "training.episodes_per_cycle=2",
+    "training.warmup_episodes=16",
+    "training.updates_per_episode=2.5",
+    "training.slide_hold=1",
+    "training.checkpoint_every=8",
+    "training.replay_episodes=20",
+    "evaluation.every=8",
+    "evaluation.episodes=4",
+    "evaluation.final_episodes=6",
+    "synergy.components=2",
+    "synergy.start_after=2",
+    "synergy.penalty={ kind = \"saturating\", cap = 0.5 }",
+    "task.steps=30",
+    "task.final_steps=1",
+    "task.goal_height=[0.02, 0.05]",
+    "task.training_goal_height=[0.02, 0.05]",
+    "task.object_range=0.005",
+    "task.orientation=yaw",
+    "task.settle_time=0.1",
+    "physics.timestep=0.004",
+    "physics.substeps=10",
+    "physics.cone=elliptic",
+    "physics.impratio=10",
+    "physics.noslip_iterations=0",
+    "physics.solver_iterations=20",
+    "learner.hidden=[16, 16]",
+    "learner.batch_size=32",
+    "exploration.noise_free_share=0.5",
+    "exploration.noise_sigma=0.1",
+    "exploration.random_probability=0.1",
+    "exploration.random_hold_steps=5",
+    "exploration.warmup_hold_steps=5",
+];
+
+/// Returns the settings of a tiny run, with assignments as `--set` takes them.
+pub fn tiny(assignments: &[&str]) -> RunConfig {
+    let mut layers = Layers::new(Preset::Default).unwrap();
+    for assignment in TINY.iter().chain(assignments) {
+        layers.add_assignment(assignment).unwrap_or_else(|error| panic!("{error}"));
+    }
+    layers.resolve().unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Compiles the task of a configuration.
+pub fn task(config: &RunConfig, hand: &Hand) -> Arc<GraspTask> {
+    task_of(config, hand, &mujoco()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Sets the stop flag after some episodes.
+pub struct StopAfter<'a> {
+    pub episodes: u64,
+    pub stop: &'a AtomicBool,
+}
+
+impl Progress for StopAfter<'_> {
+    fn update(&mut self, status: &Status) {
+        if status.episodes >= self.episodes {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+    }
+
+    fn note(&mut self, _line: &str) {}
+}
+
+/// Ends the run after some episodes as a killed process would: nothing more is written.
+pub struct DieAfter {
+    pub episodes: u64,
+}
+
+impl Progress for DieAfter {
+    fn update(&mut self, status: &Status) {
+        assert!(status.episodes < self.episodes, "killed on purpose");
+    }
+
+    fn note(&mut self, _line: &str) {}
+}
+
+/// A run in a temporary directory.
+pub struct Run {
+    _root: TempDir,
+    pub path: PathBuf,
+    hand: Hand,
+}
+
+impl Run {
+    pub fn new(hand: Hand) -> Run {
+        let root = TempDir::new().unwrap();
+        Run { path: root.path().join("run"), _root: root, hand }
+    }
+
+    /// Trains a new run to its end.
+    pub fn train(&self, config: &RunConfig) -> Summary {
+        self.start(config, &AtomicBool::new(false), &mut Silent)
+    }
+
+    pub fn start(&self, config: &RunConfig, stop: &AtomicBool, progress: &mut dyn Progress) -> Summary {
+        let provenance = Provenance::collect(&self.hand, &mujoco());
+        let run = RunDirectory::create(Some(&self.path), config, &provenance).unwrap();
+        let task = task(config, &self.hand);
+        let trainer = Trainer::create(config.clone(), provenance, self.hand.clone(), task, run).unwrap();
+        trainer.run(stop, progress).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// Prepares to continue the run.
+    pub fn resume(&self) -> Result<Trainer, TrainError> {
+        let run = RunDirectory::open(&self.path)?;
+        let config = run.config()?;
+        let provenance = Provenance::collect(&self.hand, &mujoco());
+        let task = task(&config, &self.hand);
+        Trainer::resume(config, provenance, self.hand.clone(), task, run)
+    }
+
+    pub fn resume_to_the_end(&self) -> Summary {
+        let trainer = self.resume().unwrap_or_else(|error| panic!("{error}"));
+        trainer.run(&AtomicBool::new(false), &mut Silent).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.path.join(name)
+    }
+
+    pub fn bytes(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.file(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    }
+
+    /// Reads every file of the run.
+    pub fn snapshot(&self) -> BTreeMap<PathBuf, Vec<u8>> {
+        let mut files = BTreeMap::new();
+        collect(&self.path, &mut files);
+        files
+    }
+
+    /// Returns the rows of metrics.csv as columns with values.
+    pub fn metrics(&self) -> Vec<BTreeMap<String, String>> {
+        let text = String::from_utf8(self.bytes("metrics.csv")).unwrap();
+        let mut lines = text.lines();
+        let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+        let row = |line: &str| header.iter().map(|h| (*h).to_owned()).zip(line.split(',').map(str::to_owned)).collect();
+        lines.map(row).collect()
+    }
+}
+
+fn collect(directory: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
+    for entry in std::fs::read_dir(directory).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            collect(&path, files);
+        } else {
+            files.insert(path.clone(), std::fs::read(&path).unwrap());
+        }
+    }
+}
+
+/// Returns a policy whose action is always `action`, whatever it sees.
+pub fn constant_policy(task: &GraspTask, action: &[f32]) -> Policy {
+    let (obs, goal, act) = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
+    assert_eq!(action.len(), act);
+    let mut tensors = TensorMap::default();
+    tensors.insert("actor.0.weight", Tensor::f32(vec![act, obs + goal], vec![0.0; act * (obs + goal)]));
+    let bias = action.iter().map(|a| a.clamp(-0.999_999, 0.999_999).atanh()).collect();
+    tensors.insert("actor.0.bias", Tensor::f32(vec![act], bias));
+    for (name, n) in [("observation", obs), ("goal", goal)] {
+        tensors.insert(format!("{name}.mean"), Tensor::f32(vec![n], vec![0.0; n]));
+        tensors.insert(format!("{name}.std"), Tensor::f32(vec![n], vec![1.0; n]));
+    }
+    Policy::import_tensors(&tensors, &eigenhand_rl::NormalizerConfig::default()).unwrap()
+}
+
+/// Returns the job of one episode.
+pub fn job(task: &GraspTask, policy: &Policy, behaviour: &Behaviour, index: u64) -> EpisodeJob {
+    EpisodeJob {
+        seed: 7,
+        stream: "test",
+        index,
+        scene: None,
+        goal_height: task.config.training_goal_height,
+        policy: policy.clone(),
+        behaviour: behaviour.clone(),
+    }
 }

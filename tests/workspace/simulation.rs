@@ -1,0 +1,169 @@
+//! The simulator under real hands: scenes, determinism, threads, warnings and divergence.
+
+use std::sync::Arc;
+
+use eigenhand_hands::Hand;
+use eigenhand_rl::rng;
+use eigenhand_sim::ffi::WarningCounts;
+use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, Object};
+use eigenhand_train::config::{Layers, Preset};
+use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};
+use rand::RngExt;
+
+use crate::support::{constant_policy, gripper, gripper_with, job, mujoco, registry, task, tiny};
+
+fn every_hand() -> Vec<Hand> {
+    let registry = registry();
+    let hands: Vec<Hand> = registry.list().iter().map(|e| e.hand.as_ref().unwrap().clone()).collect();
+    assert!(!hands.is_empty());
+    hands.into_iter().chain([gripper()]).collect()
+}
+
+/// The task of a hand with every object, as the default configuration has it.
+fn full_task(hand: &Hand) -> Arc<GraspTask> {
+    let mut layers = Layers::new(Preset::Default).unwrap();
+    layers.set("hand", hand.manifest.name.clone(), "test").unwrap();
+    task(&layers.resolve().unwrap(), hand)
+}
+
+/// Observations, facts and warnings of an episode under random actions.
+fn random_episode(env: &mut GraspEnv, seed: u64, scene: usize, steps: usize) -> (Vec<u32>, WarningCounts) {
+    let task = Arc::clone(env.task());
+    let mut random = rng::stream(seed, "simulation", scene as u64);
+    let mut observation = vec![0.0; task.observation_len()];
+    let mut seen = Vec::new();
+    env.reset(EpisodeSetup { scene, goal_height: task.config.goal_height }, &mut random).unwrap();
+    for step in 0..=steps {
+        env.observe(&mut observation);
+        seen.extend(observation.iter().chain(&env.desired_goal()).map(|value| value.to_bits()));
+        if step < steps {
+            let action: Vec<f32> = (0..task.action_len()).map(|_| random.random_range(-1.0..=1.0)).collect();
+            let facts = env.step(&action).unwrap();
+            seen.extend(facts.to_array().map(f32::to_bits));
+        }
+    }
+    (seen, env.warnings())
+}
+
+#[test]
+fn scenes_of_every_hand_compile_with_every_object() {
+    for hand in every_hand() {
+        let task = full_task(&hand);
+        assert_eq!(task.scenes.len(), Object::names().count());
+        let layout = task.observation_layout();
+        assert_eq!(layout.len(), task.observation_len());
+        let names: std::collections::BTreeSet<&str> = layout.iter().map(|entry| entry.name.as_str()).collect();
+        assert_eq!(names.len(), layout.len(), "the names of the observation differ");
+        assert_eq!(task.action_len(), hand.actuators.len() + 1, "the slide has an actuator of its own");
+        for scene in &task.scenes {
+            // Whatever the hand's model, the scene holds its joints, the slide and a free object.
+            assert_eq!(scene.model.nv(), hand.joints.len() + 1 + 6);
+            assert_eq!(scene.model.nq(), hand.joints.len() + 1 + 7);
+        }
+    }
+}
+
+#[test]
+fn a_scene_that_is_written_out_compiles_to_the_same_model() {
+    let library = mujoco();
+    for hand in every_hand() {
+        for scene in &full_task(&hand).scenes {
+            let again = eigenhand_sim::ffi::Model::from_xml(&library, &scene.scene.xml, &scene.scene.assets).unwrap();
+            assert_eq!((again.nq(), again.nv(), again.nu()), (scene.model.nq(), scene.model.nv(), scene.model.nu()));
+            assert_eq!(again.qpos0(), scene.model.qpos0());
+        }
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_observations_to_the_last_bit() {
+    for hand in every_hand() {
+        let task = full_task(&hand);
+        let (mut one, mut other) = (GraspEnv::new(&task).unwrap(), GraspEnv::new(&task).unwrap());
+        // What ran before must leave no trace.
+        random_episode(&mut other, 3, 1, 10);
+        let first = random_episode(&mut one, 1, 1, 25);
+        assert_eq!(first, random_episode(&mut other, 1, 1, 25));
+        assert_eq!(first, random_episode(&mut one, 1, 1, 25));
+        assert_ne!(first.0, random_episode(&mut one, 2, 1, 25).0);
+    }
+}
+
+#[test]
+fn threads_that_share_a_model_do_not_disturb_one_another() {
+    let hand = registry().list()[0].hand.as_ref().unwrap().clone();
+    let task = full_task(&hand);
+    let alone: Vec<_> = (0..4)
+        .map(|seed| {
+            let mut env = GraspEnv::new(&task).unwrap();
+            random_episode(&mut env, seed, 0, 25)
+        })
+        .collect();
+    let together: Vec<_> = std::thread::scope(|scope| {
+        let threads: Vec<_> = (0..4)
+            .map(|seed| {
+                let task = &task;
+                scope.spawn(move || {
+                    let mut env = GraspEnv::new(task).unwrap();
+                    random_episode(&mut env, seed, 0, 25)
+                })
+            })
+            .collect();
+        threads.into_iter().map(|thread| thread.join().unwrap()).collect()
+    });
+    assert_eq!(alone, together);
+}
+
+#[test]
+fn an_episode_is_a_function_of_its_job() {
+    let config = tiny(&[]);
+    let task = task(&config, &gripper());
+    let policy = constant_policy(&task, &vec![0.2; task.action_len()]);
+    let behaviour = Behaviour::Explore(Arc::new(config.exploration.clone()));
+    let jobs = || (0..12).map(|index| job(&task, &policy, &behaviour, index));
+    let mut results = [1, 3].map(|workers| {
+        let mut pool = WorkerPool::new(&task, workers).unwrap();
+        pool.submit(jobs()).unwrap();
+        pool.collect().unwrap()
+    });
+    let [one, three] = &mut results;
+    assert_eq!(one.len(), 12);
+    for (a, b) in one.iter().zip(three) {
+        assert_eq!((a.index, a.scene, a.success, a.greedy), (b.index, b.scene, b.success, b.greedy));
+        assert_eq!(a.data, b.data);
+        assert_eq!(a.posture, b.posture);
+    }
+    // Half of the episodes are without noise; with twelve, both kinds are there.
+    assert!(one.iter().any(|e| e.greedy) && one.iter().any(|e| !e.greedy));
+}
+
+#[test]
+fn a_full_contact_buffer_is_counted() {
+    // Many boxes in one place, each free to move against the others: more contacts than any hand has.
+    let boxes: String = (0..14)
+        .map(|i| {
+            format!(
+                "<body name=\"box{i}\" pos=\"0.2 0 0.1\"><joint name=\"box{i}_joint\" axis=\"0 0 1\"/>\
+                 <geom type=\"box\" size=\"0.03 0.03 0.03\" conaffinity=\"1\" mass=\"0.05\"/></body>"
+            )
+        })
+        .collect();
+    let task = task(&tiny(&["task.steps=3"]), &gripper_with(&boxes, ""));
+    let mut env = GraspEnv::new(&task).unwrap();
+    let policy = constant_policy(&task, &vec![0.0; task.action_len()]);
+    let episode = run_episode(&mut env, &mut policy.scratch(), &job(&task, &policy, &Behaviour::Greedy, 0)).unwrap();
+    assert!(episode.warnings.contacts_full > 0, "{:?}", episode.warnings);
+    let mut pool = WorkerPool::new(&task, 1).unwrap();
+    let evaluation = evaluate(&mut pool, &task, &policy, 1, EvaluationStream::Final, 2).unwrap();
+    assert!(evaluation.warnings.contacts_full >= 2, "{:?}", evaluation.warnings);
+}
+
+#[test]
+fn a_sound_hand_raises_no_warning() {
+    for hand in every_hand() {
+        let task = full_task(&hand);
+        let mut env = GraspEnv::new(&task).unwrap();
+        let (_, warnings) = random_episode(&mut env, 5, 0, 50);
+        assert!(warnings.is_clear(), "{}: {warnings:?}", hand.manifest.name);
+    }
+}

@@ -1,0 +1,315 @@
+//! Whole training runs, tiny ones: repeatability, interruption, damage, divergence, and what is left behind.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::process::Command;
+use std::sync::atomic::AtomicBool;
+
+use eigenhand_rl::EpisodeData;
+use eigenhand_synergy::{PostureDatabase, PostureRecord};
+use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
+
+use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, python_has, tiny};
+
+const EPISODES: u64 = 24;
+const LAST: &str = "checkpoints/episode-00000024";
+
+fn postures(run: &Run) -> Vec<PostureRecord> {
+    PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap().load().unwrap()
+}
+
+fn stored_episodes(run: &Run) -> usize {
+    let bytes = run.bytes("checkpoints/replay.bin");
+    let (mut rest, mut count) = (bytes.as_slice(), 0);
+    while !rest.is_empty() {
+        (_, rest) = EpisodeData::read_prefix(rest).unwrap();
+        count += 1;
+    }
+    count
+}
+
+fn metrics_without(run: &Run, columns: &[&str]) -> Vec<BTreeMap<String, String>> {
+    let mut rows = run.metrics();
+    assert!(!rows.is_empty());
+    for row in &mut rows {
+        for column in columns {
+            assert!(row.remove(*column).is_some(), "metrics.csv has no column {column}");
+        }
+    }
+    rows
+}
+
+/// Asserts that two runs learned the same and left the same behind, but for the time they took.
+fn assert_same(a: (&Run, Summary), b: (&Run, Summary)) {
+    let ((a, mut summary_a), (b, mut summary_b)) = (a, b);
+    for name in [&format!("{LAST}/learner.safetensors"), "checkpoints/replay.bin", "policy.safetensors"] {
+        assert!(a.bytes(name) == b.bytes(name), "{name} differs");
+    }
+    for name in ["policy.toml", "scenes/reference.json", "synergy/components.npy", "synergy/postures.npy"] {
+        assert!(a.bytes(name) == b.bytes(name), "{name} differs");
+    }
+    assert_eq!(postures(a), postures(b));
+    assert_eq!(metrics_without(a, &["wall_s"]), metrics_without(b, &["wall_s"]));
+    (summary_a.wall_s, summary_b.wall_s) = (0.0, 0.0);
+    assert_eq!(summary_a, summary_b);
+}
+
+#[test]
+fn a_run_repeats_itself_with_any_number_of_workers() {
+    let first = Run::new(gripper());
+    let summary = first.train(&tiny(&[]));
+    assert_eq!((summary.episodes, summary.env_steps, summary.updates), (EPISODES, EPISODES * 30, 60));
+    assert_eq!(summary.stopped_by, StoppedBy::Episodes);
+    assert!(summary.n_postures > 2, "the test needs successes, and an active synergy");
+    assert_eq!(summary.eval_episodes, 6);
+    assert!(summary.success_rate.is_some());
+    for workers in ["workers=1", "workers=3"] {
+        let again = Run::new(gripper());
+        let same = again.train(&tiny(&[workers]));
+        assert_same((&first, summary.clone()), (&again, same));
+    }
+    let other = Run::new(gripper());
+    other.train(&tiny(&["seed=2"]));
+    assert!(first.bytes("policy.safetensors") != other.bytes("policy.safetensors"));
+}
+
+#[test]
+fn a_stopped_run_that_is_resumed_ends_as_if_it_had_not_stopped() {
+    let whole = Run::new(gripper());
+    let summary = whole.train(&tiny(&[]));
+    // In the warm-up, while it learns, and near the end.
+    for stop_after in [6, 18, 20] {
+        let run = Run::new(gripper());
+        let stop = AtomicBool::new(false);
+        let stopped = run.start(&tiny(&[]), &stop, &mut StopAfter { episodes: stop_after, stop: &stop });
+        assert_eq!(stopped.stopped_by, StoppedBy::Interrupt);
+        assert!((stop_after..EPISODES).contains(&stopped.episodes), "{}", stopped.episodes);
+        assert_eq!(stopped.success_rate, None);
+        let resumed = run.resume_to_the_end();
+        assert_same((&whole, summary.clone()), (&run, resumed));
+    }
+}
+
+#[test]
+fn a_killed_run_goes_on_from_its_last_checkpoint() {
+    let whole = Run::new(gripper());
+    let summary = whole.train(&tiny(&[]));
+    let run = Run::new(gripper());
+    let killed = catch_unwind(AssertUnwindSafe(|| {
+        run.start(&tiny(&[]), &AtomicBool::new(false), &mut DieAfter { episodes: 22 });
+    }));
+    assert!(killed.is_err());
+    // Episodes after the checkpoint were stored already; they are played again.
+    assert!(stored_episodes(&run) > 16);
+    let resumed = run.resume_to_the_end();
+    assert_same((&whole, summary), (&run, resumed));
+    let episodes: Vec<u64> = postures(&run).iter().map(|p| p.episode).collect();
+    let distinct: BTreeSet<u64> = episodes.iter().copied().collect();
+    assert_eq!(distinct.len(), episodes.len(), "an episode is in the database twice");
+}
+
+#[test]
+fn a_damaged_checkpoint_is_an_error_that_says_what_to_do_and_changes_nothing() {
+    let run = Run::new(gripper());
+    let stop = AtomicBool::new(false);
+    run.start(&tiny(&[]), &stop, &mut StopAfter { episodes: 16, stop: &stop });
+    let newest = {
+        let names = std::fs::read_dir(run.file("checkpoints")).unwrap().map(|e| e.unwrap().file_name());
+        let newest = names.map(|n| n.into_string().unwrap()).filter(|n| n.starts_with("episode-")).max().unwrap();
+        format!("checkpoints/{newest}")
+    };
+    let flip = |bytes: &mut Vec<u8>| {
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+    };
+    let edit = |from: &'static str, to: &'static str| {
+        move |bytes: &mut Vec<u8>| {
+            let text = String::from_utf8(bytes.clone()).unwrap();
+            assert!(text.contains(from), "{text}");
+            *bytes = text.replacen(from, to, 1).into_bytes();
+        }
+    };
+    let cut = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() - 7);
+    let state = format!("{newest}/state.toml");
+    let learner = format!("{newest}/learner.safetensors");
+    let cases: [(&str, &dyn Fn(&mut Vec<u8>), &str); 7] = [
+        (&learner, &flip, "SHA-256"),
+        (&learner, &cut, "SHA-256"),
+        ("checkpoints/replay.bin", &flip, "episode"),
+        ("checkpoints/replay.bin", &cut, "bytes"),
+        (&state, &edit("updates = ", "updates = 1"), "SHA-256"),
+        (&state, &edit("digest = ", ""), "SHA-256"),
+        (&state, &cut, "SHA-256"),
+    ];
+    for (name, damage, reason) in cases {
+        let sound = run.bytes(name);
+        let mut bytes = sound.clone();
+        damage(&mut bytes);
+        std::fs::write(run.file(name), &bytes).unwrap();
+        let before = run.snapshot();
+        let error = run.resume().err().unwrap_or_else(|| panic!("{name} is damaged ({reason}), but was read"));
+        assert!(matches!(error, TrainError::Damaged { .. }), "{error}");
+        let message = error.to_string();
+        let file = name.rsplit('/').next().unwrap();
+        assert!(message.contains(file) && message.contains(reason), "{message}");
+        assert!(message.lines().count() >= 2, "it does not say how to mend it: {message}");
+        let after = run.snapshot();
+        assert!(before == after, "{name}: files were changed");
+        std::fs::write(run.file(name), sound).unwrap();
+    }
+    run.resume_to_the_end();
+}
+
+#[test]
+fn the_checkpoint_before_a_damaged_one_can_be_used() {
+    let whole = Run::new(gripper());
+    let summary = whole.train(&tiny(&[]));
+    let run = Run::new(gripper());
+    let stop = AtomicBool::new(false);
+    run.start(&tiny(&[]), &stop, &mut StopAfter { episodes: 20, stop: &stop });
+    let mut checkpoints: Vec<_> = std::fs::read_dir(run.file("checkpoints"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.is_dir())
+        .collect();
+    checkpoints.sort();
+    assert_eq!(checkpoints.len(), 2);
+    // What the error of a damaged checkpoint tells the user to do.
+    std::fs::remove_dir_all(&checkpoints[1]).unwrap();
+    let resumed = run.resume_to_the_end();
+    assert_same((&whole, summary), (&run, resumed));
+}
+
+#[test]
+fn an_unfinished_or_foreign_directory_is_not_resumed() {
+    let run = Run::new(gripper());
+    assert!(matches!(run.resume().err(), Some(TrainError::NotARun { .. })));
+    std::fs::create_dir_all(&run.path).unwrap();
+    assert!(matches!(run.resume().err(), Some(TrainError::NotARun { .. })));
+    assert_eq!(std::fs::read_dir(&run.path).unwrap().count(), 0, "a directory that is no run is left as it is");
+}
+
+#[test]
+fn evaluation_leaves_no_trace_in_training() {
+    let seldom = Run::new(gripper());
+    let a = seldom.train(&tiny(&["evaluation.every=1000", "evaluation.keep_best=false"]));
+    let often = Run::new(gripper());
+    let b = often.train(&tiny(&["evaluation.every=2", "evaluation.episodes=6", "evaluation.keep_best=false"]));
+    assert_eq!(postures(&seldom), postures(&often));
+    assert!(a.n_postures > 0 && a.n_postures == b.n_postures);
+    assert!(seldom.bytes("checkpoints/replay.bin") == often.bytes("checkpoints/replay.bin"));
+    assert!(seldom.bytes("policy.safetensors") == often.bytes("policy.safetensors"));
+    assert!(often.metrics().len() > seldom.metrics().len());
+    // One row for each successful training episode and none besides.
+    let episodes: Vec<u64> = postures(&often).iter().map(|p| p.episode).collect();
+    assert!(episodes.is_sorted() && episodes.iter().all(|e| *e < EPISODES));
+}
+
+#[test]
+fn diverged_episodes_are_counted_and_stored_nowhere() {
+    // A wheel whose motor speeds it up the more the faster it turns: some episodes drive it to infinity.
+    let wheel = "<body name=\"wheel\" pos=\"0 0 0.1\"><inertial pos=\"0 0 0\" mass=\"0.01\" \
+                 diaginertia=\"1e-3 1e-3 1e-3\"/><joint name=\"spin\" type=\"hinge\" axis=\"0 0 1\" limited=\"false\" \
+                 damping=\"0\" armature=\"0\"/></body>";
+    let motor = "<general name=\"motor\" joint=\"spin\" ctrllimited=\"true\" ctrlrange=\"-1 1\" gaintype=\"fixed\" \
+                 biastype=\"affine\" gainprm=\"1e-3\" biasprm=\"0 0 0.0206\"/>";
+    let run = Run::new(gripper_with(wheel, motor));
+    let summary = run.train(&tiny(&[]));
+    let diverged = summary.diverged_episodes;
+    assert!(diverged > 2 && diverged < EPISODES - 2, "{diverged} of {EPISODES} diverged");
+    assert_eq!(summary.episodes, EPISODES);
+    assert_eq!(summary.env_steps, (EPISODES - diverged) * 30);
+    assert_eq!(stored_episodes(&run) as u64, EPISODES - diverged);
+    assert_eq!(postures(&run).len() as u64, summary.n_postures);
+    for record in postures(&run) {
+        assert!(record.posture.iter().all(|q| q.abs() < 1e9), "{record:?}");
+    }
+    assert_eq!(run.metrics().last().unwrap()["diverged"], diverged.to_string());
+    assert!(summary.eval_warnings.bad_state > 0 || summary.success_rate > Some(0.0));
+}
+
+#[test]
+fn full_buffers_in_training_are_counted() {
+    let boxes: String = (0..14)
+        .map(|i| {
+            format!(
+                "<body name=\"box{i}\" pos=\"0.2 0 0.1\"><joint name=\"box{i}_joint\" axis=\"0 0 1\"/>\
+                 <geom type=\"box\" size=\"0.03 0.03 0.03\" conaffinity=\"1\" mass=\"0.05\"/></body>"
+            )
+        })
+        .collect();
+    let run = Run::new(gripper_with(&boxes, ""));
+    let summary =
+        run.train(&tiny(&["episodes=2", "task.steps=3", "evaluation.episodes=1", "evaluation.final_episodes=1"]));
+    assert!(summary.buffer_warnings > 0);
+    assert!(summary.eval_warnings.contacts_full > 0);
+    assert_eq!(run.metrics().last().unwrap()["buffer_warnings"], summary.buffer_warnings.to_string());
+}
+
+#[test]
+fn the_synergy_of_a_run_is_numpys_analysis_of_its_postures() {
+    if !python_has("numpy") {
+        return;
+    }
+    let run = Run::new(gripper());
+    let summary = run.train(&tiny(&[]));
+    let script = r#"
+import json, sys
+import numpy as np
+d = sys.argv[1] + "/synergy/"
+load = lambda name: np.load(d + name + ".npy")
+q, c, mean, l, r = (load(n) for n in ("postures", "components", "mean", "explained_variance", "contribution"))
+values, vectors = np.linalg.eigh(np.cov(q.T))
+values, vectors = values[::-1], vectors[:, ::-1].T[: len(c)]
+vectors = vectors * np.sign(np.sum(vectors * c, axis=1))[:, None]
+close = lambda a, b: bool(np.max(np.abs(a - b)) < 1e-8)
+print(json.dumps([
+    c.shape == (2, q.shape[1]), close(c @ c.T, np.eye(len(c))), close(c, vectors), close(mean, q.mean(axis=0)),
+    close(l, values[: len(c)]), close(r, values[: len(c)] / values.sum()),
+]))
+"#;
+    let output = Command::new(python()).args(["-c", script]).arg(&run.path).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(text.trim(), "[true, true, true, true, true, true]", "{errors}");
+    assert_eq!(postures(&run).len() as u64, summary.n_postures);
+    let npy = eigenhand_synergy::import(run.file("synergy")).unwrap();
+    let rows: Vec<Vec<f64>> = postures(&run).into_iter().map(|p| p.posture).collect();
+    assert_eq!(npy.postures, rows, "postures.npy holds the database's rows");
+}
+
+#[test]
+fn a_run_directory_holds_what_it_should_and_no_half_written_file() {
+    let run = Run::new(gripper());
+    run.train(&tiny(&[]));
+    let expected = [
+        "config.toml",
+        "provenance.toml",
+        "metrics.csv",
+        "postures.sqlite",
+        "policy.safetensors",
+        "policy.toml",
+        "scenes/cube.xml",
+        "scenes/reference.json",
+        "summary.json",
+        "synergy/synergy.toml",
+        "synergy/components.npy",
+        "synergy/mean.npy",
+        "synergy/explained_variance.npy",
+        "synergy/contribution.npy",
+        "synergy/postures.npy",
+    ];
+    for name in expected {
+        assert!(run.file(name).is_file(), "{name}");
+    }
+    for path in run.snapshot().keys() {
+        assert!(!path.display().to_string().contains("partial"), "{}", path.display());
+    }
+    let config = run.bytes("config.toml");
+    let read = eigenhand_train::read_config(&run.path).unwrap();
+    assert_eq!(read, tiny(&[]));
+    // A second run never writes into the first.
+    let again = catch_unwind(AssertUnwindSafe(|| run.start(&tiny(&[]), &AtomicBool::new(false), &mut Silent)));
+    assert!(again.is_err());
+    assert!(config == run.bytes("config.toml"));
+}
