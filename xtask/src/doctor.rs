@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use eigenhand_train::{MuJoCo, TrainError, registry};
+use eigenhand_train::{LIBRARY_VARIABLE, MuJoCo, TrainError, registry};
 use serde::Serialize;
 
 use crate::output::{Outcome, counted, print, print_json};
@@ -83,10 +83,12 @@ fn mujoco() -> Finding {
         Ok(library) => (true, format!("{} from {}", library.version(), library.origin()), None),
         Err(error) => {
             let error = TrainError::from(error);
-            let mend = error
-                .is_missing_library()
-                .then(|| format!("sudo {}    (cargo xtask train does it too, after saying so)", setup::install_line()));
-            (false, error.to_string(), mend)
+            let mend = if std::env::var_os(LIBRARY_VARIABLE).is_some_and(|value| !value.is_empty()) {
+                format!("unset {LIBRARY_VARIABLE}")
+            } else {
+                format!("sudo {}    (cargo xtask train does it too, after saying so)", setup::install_line())
+            };
+            (false, error.to_string(), Some(mend))
         }
     };
     Finding { name: "MuJoCo", ok, required: true, detail, mend }

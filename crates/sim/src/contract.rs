@@ -28,6 +28,8 @@ const LEAST_MOVEMENT: f64 = 0.1;
 const UNLIMITED_RANGE: f64 = 1.0;
 /// How far in m from its place the object is put where it must not be in the way.
 const AWAY: f64 = 0.8;
+/// An entry that varies by less than this (m, rad, or a second of them) is constant.
+const LEAST_VARIATION: f32 = 1e-6;
 /// Entry of the observation that is constant where there is one object.
 const OBJECT_ID: &str = "object:id";
 /// Seed of the random episodes; the contract gives one answer for one hand.
@@ -416,7 +418,7 @@ impl Exploration {
             .observation_layout()
             .into_iter()
             .zip(self.lowest.iter().zip(&self.highest))
-            .filter(|(_, (low, high))| low == high)
+            .filter(|(_, (low, high))| *high - *low < LEAST_VARIATION)
             .map(|(entry, _)| entry.name)
             // With one object its number is the same in every episode.
             .filter(|name| task.scenes.len() > 1 || name != OBJECT_ID)

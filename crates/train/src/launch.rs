@@ -328,3 +328,90 @@ fn list_files(directory: &Path, files: &mut Vec<PathBuf>) -> Result<(), TrainErr
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request() -> NewRun {
+        NewRun { hand: Some("some-hand".to_owned()), ..NewRun::default() }
+    }
+
+    fn resolved(request: &NewRun) -> Result<RunConfig, TrainError> {
+        resolve(request, &registry(&[])?)
+    }
+
+    /// A file that lives as long as the test.
+    fn file(text: &str) -> tempfile::NamedTempFile {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        std::fs::write(file.path(), text).expect("writable");
+        file
+    }
+
+    fn with_file(file: &tempfile::NamedTempFile) -> NewRun {
+        NewRun { file: Some(file.path().to_owned()), ..request() }
+    }
+
+    #[test]
+    fn each_layer_overrides_the_one_before() {
+        let file = file("lambda = 2.0\nseed = 5\nepisodes = 10\n[learner]\ngamma = 0.9\n");
+        let quick = resolved(&NewRun { preset: Some(Preset::Quick), ..request() }).expect("valid");
+        let config = resolved(&NewRun {
+            preset: Some(Preset::Quick),
+            assignments: vec!["seed=6".to_owned(), "episodes=11".to_owned()],
+            episodes: Some(12),
+            ..with_file(&file)
+        })
+        .expect("valid");
+        assert_eq!(config.objects, quick.objects, "from the preset");
+        assert_eq!((config.lambda, config.learner.gamma), (2.0, 0.9), "from the file");
+        assert_eq!(config.seed, 6, "from --set");
+        assert_eq!(config.episodes, 12, "from the option");
+        assert_eq!(config.hand, "some-hand");
+    }
+
+    #[test]
+    fn a_preset_in_the_file_brings_its_settings() {
+        let file = file("preset = \"quick\"\n");
+        let quick = resolved(&NewRun { preset: Some(Preset::Quick), ..request() }).expect("valid");
+        assert_eq!(resolved(&with_file(&file)).expect("valid"), quick);
+        let paper = resolved(&NewRun { preset: Some(Preset::Paper), ..with_file(&file) }).expect("valid");
+        let expected = resolved(&NewRun { preset: Some(Preset::Paper), ..request() }).expect("valid");
+        assert_eq!(paper, expected, "the option is above the file");
+    }
+
+    #[test]
+    fn a_hand_has_to_be_named_somewhere() {
+        let error = resolved(&NewRun::default()).expect_err("no hand");
+        assert!(error.is_usage() && error.to_string().contains("--hand"), "{error}");
+        let file = file("hand = \"from-file\"\n");
+        let named = resolved(&NewRun { hand: None, ..with_file(&file) }).expect("named in the file");
+        assert_eq!(named.hand, "from-file");
+        let assigned = NewRun { assignments: vec!["hand = assigned".to_owned()], ..NewRun::default() };
+        assert_eq!(resolved(&assigned).expect("named with --set").hand, "assigned");
+    }
+
+    #[test]
+    fn wrong_requests_say_where_they_are_wrong() {
+        let assigning = |text: &str| NewRun { assignments: vec![text.to_owned()], ..request() };
+        let bad_preset = file("preset = \"quik\"\n");
+        let bad_key = file("[learner]\ngama = 0.9\n");
+        let no_toml = file("= 3\n");
+        let cases = [
+            (assigning("preset=quick"), "--preset"),
+            (assigning("learner.gama=0.9"), "did you mean \"learner.gamma\""),
+            (assigning("nonsense"), "key=value"),
+            (NewRun { lambda: Some(-1.0), ..request() }, "lambda = -1"),
+            (NewRun { objects: Some(Vec::new()), ..request() }, "objects"),
+            (with_file(&bad_preset), "expected default, quick or paper"),
+            (with_file(&bad_key), "did you mean \"learner.gamma\""),
+            (with_file(&no_toml), "line 1"),
+            (NewRun { file: Some("/nonexistent/run.toml".into()), ..request() }, "/nonexistent/run.toml"),
+        ];
+        for (request, part) in cases {
+            let error = resolved(&request).expect_err(part);
+            assert!(error.is_usage(), "{error}");
+            assert!(error.to_string().contains(part), "{error} does not say {part}");
+        }
+    }
+}
