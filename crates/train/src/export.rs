@@ -7,7 +7,7 @@ use std::sync::Arc;
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, TensorMap, rng};
 use eigenhand_sim::ffi::MuJoCo;
-use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry};
+use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry, scene};
 use eigenhand_synergy::{ActuationMap, PostureDatabase, Synergy, SynergyFile};
 use serde::Serialize;
 
@@ -47,13 +47,26 @@ struct PolicyRecord {
     control_period_s: f64,
     substeps: usize,
     episode_steps: usize,
+    final_steps: usize,
     success_distance_m: f64,
+    goal_height_m: [f64; 2],
+    object_range_m: f64,
+    scene: SceneRecord,
     network: NetworkRecord,
     normalizer: NormalizerRecord,
     action: Vec<ActionRecord>,
     observation: Vec<ObservationEntry>,
     goal: Vec<ObservationEntry>,
     start: StartRecord,
+}
+
+/// Names in every `scenes/<object>.xml`, by which another program tells what succeeds.
+#[derive(Serialize)]
+struct SceneRecord {
+    object_joint: &'static str,
+    object_geom: &'static str,
+    plane_geom: &'static str,
+    hand_body: &'static str,
 }
 
 #[derive(Serialize)]
@@ -148,7 +161,16 @@ fn policy_record(products: &Products) -> PolicyRecord {
         control_period_s: task.physics.control_period(),
         substeps: task.physics.substeps,
         episode_steps: task.config.steps,
+        final_steps: task.config.final_steps,
         success_distance_m: task.reward.success_distance,
+        goal_height_m: task.config.goal_height,
+        object_range_m: task.config.object_range,
+        scene: SceneRecord {
+            object_joint: scene::OBJECT_JOINT,
+            object_geom: scene::OBJECT_GEOM,
+            plane_geom: scene::PLANE,
+            hand_body: scene::MOUNT,
+        },
         network: NetworkRecord {
             weights: "policy.safetensors: actor.{i}.weight (outputs x inputs), actor.{i}.bias",
             input: "normalised observation, then normalised goal",

@@ -1,0 +1,232 @@
+"""Runs a trained policy in plain MuJoCo: NumPy and the `mujoco` package, nothing else.
+
+    python run_policy.py RUN [--object NAME] [--episodes N] [--seed N] [--render FILE.png]
+
+RUN is a run directory, or what `cargo xtask export` wrote. The script first repeats the reference step that the run
+recorded, and prints the largest difference of observation, action and next observation. Then it plays episodes and
+prints which of them succeed.
+"""
+
+import argparse
+import json
+import pathlib
+import struct
+import sys
+import zlib
+
+import mujoco
+import numpy as np
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python before 3.11: pip install tomli
+    import tomli as tomllib
+
+TOLERANCE = 1e-5
+
+
+def read_safetensors(path):
+    """Reads a safetensors file: 8 bytes of header length, a JSON header, and the arrays."""
+    data = pathlib.Path(path).read_bytes()
+    (length,) = struct.unpack("<Q", data[:8])
+    header, body = json.loads(data[8 : 8 + length]), data[8 + length :]
+    header.pop("__metadata__", None)
+    dtypes = {"F32": np.float32, "F64": np.float64, "U64": np.uint64}
+    tensors = {}
+    for name, entry in header.items():
+        begin, end = entry["data_offsets"]
+        tensors[name] = np.frombuffer(body[begin:end], dtypes[entry["dtype"]]).reshape(entry["shape"])
+    return tensors
+
+
+class Policy:
+    """The actor: observation and goal in, action in [-1, 1] out."""
+
+    def __init__(self, run):
+        self.config = tomllib.loads((run / "policy.toml").read_text())
+        tensors = read_safetensors(run / "policy.safetensors")
+        self.scaling = {name: (tensors[name + ".mean"], tensors[name + ".std"]) for name in ("observation", "goal")}
+        n_layers = sum(name.startswith("actor.") and name.endswith(".bias") for name in tensors)
+        self.layers = [(tensors[f"actor.{i}.weight"], tensors[f"actor.{i}.bias"]) for i in range(n_layers)]
+        self.low = np.array([actuator["low"] for actuator in self.config["action"]])
+        self.high = np.array([actuator["high"] for actuator in self.config["action"]])
+
+    def normalise(self, name, value):
+        (mean, std), clip = self.scaling[name], self.config["normalizer"]
+        raw = np.clip(np.asarray(value, np.float32), -clip["raw_clip"], clip["raw_clip"])
+        return np.clip((raw - mean) / std, -clip["norm_clip"], clip["norm_clip"])
+
+    def act(self, observation, goal):
+        x = np.concatenate([self.normalise("observation", observation), self.normalise("goal", goal)])
+        for weight, bias in self.layers[:-1]:
+            x = np.maximum(weight @ x + bias, 0)
+        weight, bias = self.layers[-1]
+        return np.tanh(weight @ x + bias)
+
+    def controls(self, action):
+        """Maps an action onto the actuators' control ranges."""
+        unit = (np.clip(np.asarray(action, float), -1, 1) + 1) / 2
+        return self.low + unit * (self.high - self.low)
+
+
+class Scene:
+    """A hand with one object, as the policy sees it."""
+
+    def __init__(self, run, policy, reference):
+        self.policy = policy
+        self.config = policy.config
+        self.model = mujoco.MjModel.from_xml_path(str(run / "scenes" / f"{reference['object']}.xml"))
+        self.data = mujoco.MjData(self.model)
+        self.start = np.array(reference["qpos"])
+        names = self.config["scene"]
+        joint = self.id(mujoco.mjtObj.mjOBJ_JOINT, names["object_joint"])
+        self.object_qpos, self.object_dof = self.model.jnt_qposadr[joint], self.model.jnt_dofadr[joint]
+        self.object_geom = self.id(mujoco.mjtObj.mjOBJ_GEOM, names["object_geom"])
+        self.plane_geom = self.id(mujoco.mjtObj.mjOBJ_GEOM, names["plane_geom"])
+        hand = self.id(mujoco.mjtObj.mjOBJ_BODY, names["hand_body"])
+        self.is_hand = np.array([self.is_below(self.model.geom_bodyid[g], hand) for g in range(self.model.ngeom)])
+        # The observation names its joints, so no order has to be known here. The id is the object's number.
+        self.object_id = reference["observation"][-1]
+        self.sources = [entry["name"] for entry in self.config["observation"]]
+
+    def id(self, kind, name):
+        found = mujoco.mj_name2id(self.model, kind, name)
+        assert found >= 0, f"the scene has no {name}"
+        return found
+
+    def is_below(self, body, root):
+        while body != root and body != 0:
+            body = self.model.body_parentid[body]
+        return body == root
+
+    def reset(self, qpos):
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = qpos
+        self.data.ctrl[:] = self.config["start"]["ctrl"]
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, action):
+        self.data.ctrl[:] = self.policy.controls(action)
+        for _ in range(self.config["substeps"]):
+            mujoco.mj_step(self.model, self.data)
+
+    def observe(self):
+        qpos, qvel = self.data.qpos, self.data.qvel
+        place, speed = qpos[self.object_qpos :][:7], qvel[self.object_dof :][:6]
+        known = dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), place))
+        known |= dict(zip(("vx", "vy", "vz", "wx", "wy", "wz"), speed), id=self.object_id)
+
+        def value(source):
+            kind, name = source.split(":", 1)
+            if kind == "object":
+                return known[name]
+            joint = self.id(mujoco.mjtObj.mjOBJ_JOINT, name)
+            if kind == "qpos":
+                return qpos[self.model.jnt_qposadr[joint]]
+            return qvel[self.model.jnt_dofadr[joint]]
+
+        return np.array([value(source) for source in self.sources], np.float32)
+
+    def succeeds(self, goal):
+        """Tells whether the object is near its goal and held: it touches the hand and not the plane."""
+        others = []
+        for i in range(self.data.ncon):
+            contact = self.data.contact[i]
+            pair = {contact.geom1, contact.geom2}
+            if contact.efc_address >= 0 and self.object_geom in pair:
+                others += pair - {self.object_geom}
+        held = any(self.is_hand[g] for g in others) and self.plane_geom not in others
+        place = self.data.qpos[self.object_qpos :][:3]
+        return held and np.linalg.norm(place - goal) < self.config["success_distance_m"]
+
+    def place(self, random):
+        """Draws a start: the object as it rests in the reference, moved and turned about the vertical."""
+        qpos, span = self.start.copy(), self.config["object_range_m"]
+        at = self.object_qpos
+        qpos[at : at + 2] = random.uniform(-span, span, 2)
+        half = random.uniform(-np.pi, np.pi) / 2
+        turned = np.empty(4)
+        mujoco.mju_mulQuat(turned, np.array([np.cos(half), 0, 0, np.sin(half)]), self.start[at + 3 : at + 7])
+        qpos[at + 3 : at + 7] = turned
+        return qpos, qpos[at : at + 3] + [0, 0, random.uniform(*self.config["goal_height_m"])]
+
+
+def check(scene, policy, reference):
+    """Repeats the reference step and returns the largest differences."""
+    goal = np.array(reference["desired_goal"], np.float32)
+    scene.reset(reference["qpos"])
+    observation = scene.observe()
+    action = policy.act(observation, goal)
+    # The step is taken with the recorded action, so that the simulation is compared by itself.
+    scene.step(reference["action"])
+    found = {"observation": observation, "action": action, "next_observation": scene.observe()}
+    return {name: float(np.max(np.abs(value - np.array(reference[name])))) for name, value in found.items()}
+
+
+def play(scene, policy, qpos, goal):
+    """Plays an episode; it succeeds when its last steps all do."""
+    scene.reset(qpos)
+    good = []
+    for _ in range(scene.config["episode_steps"]):
+        scene.step(policy.act(scene.observe(), goal))
+        good.append(scene.succeeds(goal))
+    return all(good[-scene.config["final_steps"] :])
+
+
+def write_png(path, image):
+    """Writes an RGB image, height x width x 3 bytes."""
+    height, width, _ = image.shape
+    rows = b"".join(b"\0" + row.tobytes() for row in image)
+
+    def chunk(kind, body):
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = struct.pack(">2I5B", width, height, 8, 2, 0, 0, 0)
+    body = chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+    pathlib.Path(path).write_bytes(b"\x89PNG\r\n\x1a\n" + body)
+
+
+def render(scene, path):
+    renderer = mujoco.Renderer(scene.model, 480, 640)
+    camera = mujoco.MjvCamera()
+    camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0, 0, 0.12), 0.6, 130, -15
+    renderer.update_scene(scene.data, camera)
+    write_png(path, renderer.render())
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("run", type=pathlib.Path, help="run directory, or an export of it")
+    parser.add_argument("--object", help="name of the object; all of the run's by default")
+    parser.add_argument("--episodes", type=int, default=1, help="episodes with each object")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the starts")
+    parser.add_argument("--render", metavar="FILE.png", help="picture of the last episode's end")
+    options = parser.parse_args()
+
+    policy = Policy(options.run)
+    references = json.loads((options.run / "scenes" / "reference.json").read_text())
+    known = [reference["object"] for reference in references]
+    if options.object and options.object not in known:
+        parser.error(f"unknown object {options.object}; the run has {', '.join(known)}")
+    print(f"MuJoCo {mujoco.__version__}, hand {policy.config['hand']}")
+    random, good, played, worst = np.random.default_rng(options.seed), 0, 0, 0.0
+    for reference in references:
+        if options.object not in (None, reference["object"]):
+            continue
+        scene = Scene(options.run, policy, reference)
+        differences = check(scene, policy, reference)
+        worst = max(worst, *differences.values())
+        print(f"{reference['object']}: largest difference", ", ".join(f"{n} {d:.1e}" for n, d in differences.items()))
+        for episode in range(options.episodes):
+            success = play(scene, policy, *scene.place(random))
+            print(f"{reference['object']}: episode {episode}", "succeeded" if success else "failed")
+            good, played = good + success, played + 1
+    print(f"{good} of {played} episodes succeeded")
+    if options.render:
+        render(scene, options.render)
+    if worst > TOLERANCE:
+        sys.exit(f"the reference step differs by {worst:.1e}: this MuJoCo is not the one the run was made with")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+//! The examples for Python, on a run of this workspace.
+
+use std::path::Path;
+use std::process::Command;
+
+use eigenhand_hands::Hand;
+
+use crate::support::{Run, gripper, python, python_has, registry, tiny, workspace};
+
+/// Runs an example and returns what it printed; it must succeed.
+fn example(script: &str, arguments: &[&str], path: &Path) -> String {
+    let script = workspace().join("examples/python").join(script);
+    let output = Command::new(python()).arg(script).arg(path).args(arguments).output().unwrap();
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{printed}{}", String::from_utf8_lossy(&output.stderr));
+    printed
+}
+
+#[test]
+fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
+    if !(python_has("numpy, mujoco") && (python_has("tomllib") || python_has("tomli"))) {
+        return;
+    }
+    let hands: Vec<Hand> = registry().list().iter().map(|e| e.hand.as_ref().unwrap().clone()).collect();
+    for hand in hands.into_iter().chain([gripper()]) {
+        let run = Run::new(hand);
+        run.train(&tiny(&["episodes=4", "training.warmup_episodes=2", "objects=[\"cube\", \"disc\"]"]));
+        // The script ends with a status of 1 when the step differs by more than 1e-5.
+        let printed = example("run_policy.py", &["--episodes", "2"], &run.path);
+        assert_eq!(printed.matches("largest difference").count(), 2, "{printed}");
+        let last = printed.lines().last().unwrap();
+        assert!(last.ends_with("of 4 episodes succeeded"), "{printed}");
+    }
+}
+
+#[test]
+fn a_difference_in_the_reference_step_is_noticed() {
+    if !(python_has("numpy, mujoco") && (python_has("tomllib") || python_has("tomli"))) {
+        return;
+    }
+    let run = Run::new(gripper());
+    run.train(&tiny(&["episodes=4", "training.warmup_episodes=2"]));
+    let scene = run.file("scenes/cube.xml");
+    let text = std::fs::read_to_string(&scene).unwrap();
+    let heavier = text.replacen("mass=\"0.3\"", "mass=\"0.31\"", 1);
+    assert_ne!(text, heavier);
+    std::fs::write(&scene, heavier).unwrap();
+    let script = workspace().join("examples/python/run_policy.py");
+    let output = Command::new(python()).arg(script).arg(&run.path).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("the reference step differs"));
+}
+
+#[test]
+fn the_decoded_posture_is_the_one_of_this_workspace() {
+    if !(python_has("numpy") && (python_has("tomllib") || python_has("tomli"))) {
+        return;
+    }
+    let run = Run::new(gripper());
+    run.train(&tiny(&[]));
+    let import = eigenhand_synergy::import(run.file("synergy")).unwrap();
+    let posture = import.file.synergy.decode(&[0.01, -0.005]);
+    let commands = import.file.actuation.unwrap().control(&posture);
+    let printed = example("decode_synergy.py", &["0.01", "-0.005"], &run.file("synergy"));
+    let (_, tables) = printed.split_once("joint angles").unwrap();
+    let numbers: Vec<f64> = tables.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+    let expected: Vec<f64> = posture.into_iter().chain(commands).collect();
+    assert_eq!(numbers.len(), expected.len(), "{printed}");
+    for (number, expected) in numbers.iter().zip(expected) {
+        assert!((number - expected).abs() < 1e-4, "{number} {expected}");
+    }
+}
