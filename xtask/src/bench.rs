@@ -153,6 +153,9 @@ fn describe_learner(found: &[LearnerSpeed]) -> String {
                 speed.batch, peer.ours_per_s, peer.name, peer.updates_per_s, peer.ratio
             ));
         }
+        for reason in &speed.peers_failed {
+            text.push_str(&format!("batch {}: not compared: {reason}\n", speed.batch));
+        }
     }
     format!("{}{text}\n", table(&rows))
 }

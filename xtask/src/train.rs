@@ -143,7 +143,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match summary.stopped_by {
         StoppedBy::Episodes => Ok(Outcome::Done),
         StoppedBy::Interrupt => {
-            eprintln!("interrupted; continue with: {resume}");
+            eprintln!("continue with: {resume}");
             Ok(Outcome::Interrupted)
         }
     }
@@ -181,9 +181,9 @@ fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
         if flag.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
-        // A terminal has just shown ^C on the line.
+        // A terminal has just shown ^C on a line of its bar, and the bar is drawn over the line above.
         let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
-        eprintln!("{newline}stopping after this cycle, with everything saved; Ctrl-C again stops at once");
+        eprintln!("{newline}stopping after this cycle, with everything saved; Ctrl-C again stops at once{newline}");
     })
     .context("cannot listen for Ctrl-C")?;
     Ok(stop)

@@ -93,7 +93,9 @@ impl Progress for Bar {
     }
 
     fn finish(&mut self) {
-        self.bar.finish();
+        // The position stays what it is, as the run may have been interrupted.
+        self.bar.abandon();
+        eprintln!();
     }
 }
 

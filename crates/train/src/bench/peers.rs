@@ -87,7 +87,7 @@ impl Peer {
     ) -> Result<f64, TrainError> {
         let failed = |reason: String| TrainError::Bench { what: self.script.display().to_string(), reason };
         let mut command = Command::new(&self.python);
-        command.arg(&self.script).args(["--seconds", &duration.as_secs_f64().to_string()]);
+        command.arg(&self.script).args(["--seconds", &duration.as_secs_f64().ceil().to_string()]);
         let sizes = [("batch", batch), ("obs", shape.obs_dim), ("goal", shape.goal_dim), ("act", shape.act_dim)];
         for (name, size) in sizes {
             command.arg(format!("--{name}")).arg(size.to_string());
