@@ -23,11 +23,11 @@ mod trainer;
 
 pub use assess::{Assessment, ObjectScore, assess, wilson_interval};
 pub use catalogue::{check_hand, hand_named, registry};
-pub use error::TrainError;
-pub use evaluation::{Evaluation, EvaluationStream, evaluate};
 pub use eigenhand_hands::{Hand, HandSummary, PLUGINS_VARIABLE, Registry, RegistryEntry, Transmission};
 pub use eigenhand_sim::contract::{Check, ContractReport};
 pub use eigenhand_sim::ffi::{LIBRARY_VARIABLE, MuJoCo};
+pub use error::TrainError;
+pub use evaluation::{Evaluation, EvaluationStream, evaluate};
 pub use export::LoadedRun;
 pub use progress::{Bar, Lines, Progress, Silent, Status};
 pub use provenance::Provenance;
