@@ -92,7 +92,11 @@ impl GraspEnv {
             return Err(SimError::Diverged { step: 0 });
         }
 
-        let rest: Vec<f64> = data.qpos()[at.object_qpos..at.object_qpos + 7].to_vec();
+        let mut rest: Vec<f64> = data.qpos()[at.object_qpos..at.object_qpos + 7].to_vec();
+        // A quaternion and its negative are one orientation; an episode starts with the one whose w is not negative.
+        if rest[3] < 0.0 {
+            rest[3..7].iter_mut().for_each(|q| *q = -*q);
+        }
         data.reset();
         data.qpos_mut().copy_from_slice(&at.start_qpos);
         data.ctrl_mut().copy_from_slice(&task.start_ctrl);
