@@ -3,6 +3,7 @@
 // A helper function of a test fails the test, which is what a panic means here.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod docs;
 mod edges;
 mod python;
 mod reward;

@@ -1,0 +1,167 @@
+//! The documents against what they describe.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use eigenhand_train::config::{Layers, Preset};
+use toml::{Table, Value};
+
+use crate::support::{Run, gripper, tiny, workspace};
+
+fn read(name: &str) -> String {
+    std::fs::read_to_string(workspace().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+/// Returns the rows of a document's tables as cells.
+fn rows(text: &str) -> Vec<Vec<String>> {
+    let cells = |line: &str| line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect();
+    text.lines().filter(|line| line.starts_with('|')).map(cells).collect()
+}
+
+/// Returns the words in backquotes.
+fn quoted(text: &str) -> BTreeSet<String> {
+    text.split('`').skip(1).step_by(2).map(str::to_owned).collect()
+}
+
+fn parse(cell: &str) -> Option<Value> {
+    format!("value = {cell}").parse::<Table>().ok()?.remove("value")
+}
+
+fn settings(preset: Preset) -> BTreeMap<String, Value> {
+    let config = Layers::new(preset).unwrap().resolve().unwrap();
+    let table: Table = config.to_toml().unwrap().parse().unwrap();
+    let mut flat = BTreeMap::new();
+    flatten(&table, "", &mut flat);
+    flat
+}
+
+fn flatten(table: &Table, prefix: &str, flat: &mut BTreeMap<String, Value>) {
+    for (key, value) in table {
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        match value {
+            Value::Table(inner) => flatten(inner, &path, flat),
+            _ => _ = flat.insert(path, value.clone()),
+        }
+    }
+}
+
+/// Compares numbers as the single precision in which some of them are kept.
+fn same(a: &Value, b: &Value) -> bool {
+    match (a, b) {
+        (Value::Float(a), Value::Float(b)) => *a as f32 == *b as f32,
+        (Value::Array(a), Value::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b)),
+        _ => a == b,
+    }
+}
+
+#[test]
+fn every_setting_is_documented_with_its_default() {
+    let text = read("docs/configuration.md");
+    let written: BTreeMap<String, String> = rows(&text)
+        .into_iter()
+        .filter(|row| row.len() == 4 && row[0].starts_with('`'))
+        .map(|row| (row[0].trim_matches('`').to_owned(), row[1].clone()))
+        .collect();
+    let settings = settings(Preset::Default);
+    for (key, value) in &settings {
+        let cell = written.get(key).unwrap_or_else(|| panic!("docs/configuration.md lacks `{key}`, default {value}"));
+        let found = parse(cell).unwrap_or_else(|| panic!("docs/configuration.md: `{key}` has the default {cell}"));
+        assert!(same(&found, value), "docs/configuration.md: `{key}` is {cell}, but presets/default.toml has {value}");
+    }
+    for key in written.keys() {
+        assert!(settings.contains_key(key), "docs/configuration.md has `{key}`, which is no setting");
+    }
+}
+
+#[test]
+fn every_deviation_of_the_default_from_the_paper_is_numbered() {
+    let text = read("docs/algorithms.md");
+    let (_, deviations) = text.split_once("## Deviations").expect("the section");
+    let (by_setting, others) = deviations.split_once("### In both presets").expect("the section");
+    let table: Vec<Vec<String>> = rows(by_setting).into_iter().filter(|row| row[0].parse::<u32>().is_ok()).collect();
+    let whole = "synergy.penalty";
+    let value = |preset: Preset, key: &str| {
+        let config = Layers::new(preset).unwrap().resolve().unwrap();
+        let mut table: Value = config.to_toml().unwrap().parse::<Table>().unwrap().into();
+        for part in key.split('.') {
+            table = table.get(part).unwrap_or_else(|| panic!("no setting {key}")).clone();
+        }
+        table
+    };
+    let mut documented = BTreeSet::new();
+    for (i, row) in table.iter().enumerate() {
+        assert_eq!(row[0], (i + 1).to_string(), "the numbers run on");
+        let key = row[1].trim_matches('`');
+        for (cell, preset) in [(&row[2], Preset::Default), (&row[3], Preset::Paper)] {
+            let (found, expected) = (parse(cell), value(preset, key));
+            let right = found.as_ref().is_some_and(|found| same(found, &expected));
+            assert!(right, "docs/algorithms.md, deviation {}: {key} is {cell}, but {expected} in {preset:?}", row[0]);
+        }
+        let differs = !same(&value(Preset::Default, key), &value(Preset::Paper, key));
+        assert!(differs, "docs/algorithms.md, deviation {}: {key} is the paper's", row[0]);
+        documented.insert(key.to_owned());
+    }
+    let (default, paper) = (settings(Preset::Default), settings(Preset::Paper));
+    for key in default.keys().chain(paper.keys()).filter(|key| *key != "preset") {
+        let differs = match (default.get(key), paper.get(key)) {
+            (Some(a), Some(b)) => !same(a, b),
+            _ => true,
+        };
+        let name = if key.starts_with(whole) { whole } else { key };
+        assert!(!differs || documented.contains(name), "docs/algorithms.md lacks the deviation of {key}");
+    }
+    let numbers = others.lines().filter_map(|line| line.split_once(". ")?.0.parse::<usize>().ok());
+    let expected: Vec<usize> = (table.len() + 1..).take(numbers.clone().count()).collect();
+    assert_eq!(numbers.collect::<Vec<_>>(), expected, "the numbers run on");
+}
+
+#[test]
+fn every_column_and_every_file_of_a_run_is_documented() {
+    let run = Run::new(gripper());
+    run.train(&tiny(&[]));
+    let algorithms = quoted(&read("docs/algorithms.md"));
+    for column in run.metrics()[0].keys() {
+        let general = match (column.strip_prefix("success_rate_"), column.strip_prefix("contribution_")) {
+            (Some(_), _) => "success_rate_<object>",
+            (_, Some(i)) if i.parse::<usize>().is_ok() => "contribution_<i>",
+            _ => column,
+        };
+        assert!(algorithms.contains(general), "docs/algorithms.md lacks the column `{column}`");
+    }
+    let summary: serde_json::Value = serde_json::from_slice(&run.bytes("summary.json")).unwrap();
+    for key in summary.as_object().unwrap().keys() {
+        assert!(algorithms.contains(key), "docs/algorithms.md lacks the key `{key}` of summary.json");
+    }
+    let text = read("docs/run-directory.md");
+    let directory = quoted(&text);
+    let policy: Table = String::from_utf8(run.bytes("policy.toml")).unwrap().parse().unwrap();
+    let synergy: Table = String::from_utf8(run.bytes("synergy/synergy.toml")).unwrap().parse().unwrap();
+    for key in policy.keys().chain(synergy.keys().filter(|key| *key != "actuation")) {
+        assert!(directory.contains(key), "docs/run-directory.md lacks the key `{key}`");
+    }
+    for key in synergy["actuation"].as_table().unwrap().keys() {
+        assert!(directory.contains(&format!("actuation.{key}")), "docs/run-directory.md lacks actuation.{key}");
+    }
+    for path in run.snapshot().keys() {
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let general = if name.ends_with(".xml") { "<object>.xml" } else { name };
+        assert!(text.contains(general), "docs/run-directory.md lacks the file {}", path.display());
+    }
+}
+
+#[test]
+fn links_between_documents_lead_somewhere() {
+    for document in ["README.md", "ARCHITECTURE.md", "examples/python/README.md", "bench/peers/README.md"]
+        .into_iter()
+        .chain(["docs/algorithms.md", "docs/configuration.md", "docs/run-directory.md", "docs/hands.md"])
+    {
+        let text = read(document);
+        let directory = workspace().join(document).parent().unwrap().to_owned();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            let path = link.split('#').next().unwrap();
+            if path.is_empty() || path.contains("://") {
+                continue;
+            }
+            assert!(directory.join(path).exists(), "{document} links to {link}, which is not there");
+        }
+    }
+}
