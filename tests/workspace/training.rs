@@ -14,6 +14,9 @@ use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, py
 const EPISODES: u64 = 24;
 const LAST: &str = "checkpoints/episode-00000024";
 
+/// Something that happens to the bytes of a file.
+type Damage<'a> = &'a dyn Fn(&mut Vec<u8>);
+
 fn postures(run: &Run) -> Vec<PostureRecord> {
     PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap().load().unwrap()
 }
@@ -132,7 +135,7 @@ fn a_damaged_checkpoint_is_an_error_that_says_what_to_do_and_changes_nothing() {
     let cut = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() - 7);
     let state = format!("{newest}/state.toml");
     let learner = format!("{newest}/learner.safetensors");
-    let cases: [(&str, &dyn Fn(&mut Vec<u8>), &str); 7] = [
+    let cases: [(&str, Damage, &str); 7] = [
         (&learner, &flip, "SHA-256"),
         (&learner, &cut, "SHA-256"),
         ("checkpoints/replay.bin", &flip, "episode"),
