@@ -187,6 +187,8 @@ def write_png(path, image):
 
 
 def render(scene, path):
+    if not hasattr(mujoco, "Renderer"):
+        sys.exit(f"mujoco {mujoco.__version__} has no Renderer: a newer one is needed for --render")
     renderer = mujoco.Renderer(scene.model, 480, 640)
     camera = mujoco.MjvCamera()
     camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = (0, 0, 0.12), 0.6, 130, -15
