@@ -5,6 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
+use eigenhand_hands::Hand;
 use eigenhand_rl::EpisodeData;
 use eigenhand_synergy::{PostureDatabase, PostureRecord};
 use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
@@ -208,15 +209,22 @@ fn evaluation_leaves_no_trace_in_training() {
     assert!(episodes.is_sorted() && episodes.iter().all(|e| *e < EPISODES));
 }
 
-#[test]
-fn diverged_episodes_are_counted_and_stored_nowhere() {
-    // A wheel whose motor speeds it up the more the faster it turns: some episodes drive it to infinity.
+/// The gripper with a wheel whose motor speeds it up the more the faster it turns.
+fn runaway(growth: f64) -> Hand {
     let wheel = "<body name=\"wheel\" pos=\"0 0 0.1\"><inertial pos=\"0 0 0\" mass=\"0.01\" \
                  diaginertia=\"1e-3 1e-3 1e-3\"/><joint name=\"spin\" type=\"hinge\" axis=\"0 0 1\" limited=\"false\" \
                  damping=\"0\" armature=\"0\"/></body>";
-    let motor = "<general name=\"motor\" joint=\"spin\" ctrllimited=\"true\" ctrlrange=\"-1 1\" gaintype=\"fixed\" \
-                 biastype=\"affine\" gainprm=\"1e-3\" biasprm=\"0 0 0.0206\"/>";
-    let run = Run::new(gripper_with(wheel, motor));
+    let motor = format!(
+        "<general name=\"motor\" joint=\"spin\" ctrllimited=\"true\" ctrlrange=\"-1 1\" gaintype=\"fixed\" \
+         biastype=\"affine\" gainprm=\"1e-3\" biasprm=\"0 0 {growth}\"/>"
+    );
+    gripper_with(wheel, &motor)
+}
+
+#[test]
+fn diverged_episodes_are_counted_and_stored_nowhere() {
+    // So fast that some episodes end before the wheel's speed is infinite.
+    let run = Run::new(runaway(0.0206));
     let summary = run.train(&tiny(&[]));
     let diverged = summary.diverged_episodes;
     assert!(diverged > 2 && diverged < EPISODES - 2, "{diverged} of {EPISODES} diverged");
@@ -229,6 +237,16 @@ fn diverged_episodes_are_counted_and_stored_nowhere() {
     }
     assert_eq!(run.metrics().last().unwrap()["diverged"], diverged.to_string());
     assert!(summary.eval_warnings.bad_state > 0 || summary.success_rate > Some(0.0));
+}
+
+#[test]
+fn a_hand_that_always_diverges_ends_its_run_in_order() {
+    let run = Run::new(runaway(10.0));
+    let summary = run.train(&tiny(&[]));
+    assert_eq!((summary.diverged_episodes, summary.env_steps, summary.updates), (EPISODES, 0, 0));
+    assert_eq!((summary.success_rate, summary.n_postures), (Some(0.0), 0));
+    assert_eq!((stored_episodes(&run), postures(&run).len()), (0, 0));
+    assert_eq!(run.bytes("scenes/reference.json"), b"[]");
 }
 
 #[test]

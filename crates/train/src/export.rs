@@ -5,9 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{Policy, TensorMap, rng};
+use eigenhand_rl::{Policy, PolicyScratch, TensorMap, rng};
 use eigenhand_sim::ffi::MuJoCo;
-use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry, scene};
+use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry, SimError, scene};
 use eigenhand_synergy::{ActuationMap, PostureDatabase, Synergy, SynergyFile};
 use serde::Serialize;
 
@@ -208,26 +208,42 @@ fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError>
         for (file, bytes) in &scene.scene.assets {
             write_atomically(&directory.join(file), bytes)?;
         }
-        let mut random = rng::stream(products.config.seed, "reference", index as u64);
-        env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random)?;
-        let mut step = ReferenceStep {
-            object: name.to_owned(),
-            qpos: env.simulation().qpos().to_vec(),
-            desired_goal: env.desired_goal(),
-            observation: vec![0.0; task.observation_len()],
-            action: vec![0.0; task.action_len()],
-            next_observation: vec![0.0; task.observation_len()],
-        };
-        env.observe(&mut step.observation);
-        products.policy.act(&step.observation, &step.desired_goal, &mut scratch, &mut step.action);
-        env.step(&step.action)?;
-        env.observe(&mut step.next_observation);
-        steps.push(step);
+        match reference_step(products, &mut env, &mut scratch, index) {
+            Ok(step) => steps.push(step),
+            // A simulation that does not survive one step is nothing to compare with.
+            Err(SimError::Diverged { .. }) => tracing::warn!("no reference step with the {name}: it diverges"),
+            Err(error) => return Err(error.into()),
+        }
     }
     let path = directory.join(REFERENCE);
     let text = serde_json::to_string(&steps)
         .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
     write_atomically(&path, text.as_bytes())
+}
+
+/// Plays the first step of an episode.
+fn reference_step(
+    products: &Products,
+    env: &mut GraspEnv,
+    scratch: &mut PolicyScratch,
+    index: usize,
+) -> Result<ReferenceStep, SimError> {
+    let task = products.task;
+    let mut random = rng::stream(products.config.seed, "reference", index as u64);
+    env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random)?;
+    let mut step = ReferenceStep {
+        object: task.scenes[index].object.name.to_owned(),
+        qpos: env.simulation().qpos().to_vec(),
+        desired_goal: env.desired_goal(),
+        observation: vec![0.0; task.observation_len()],
+        action: vec![0.0; task.action_len()],
+        next_observation: vec![0.0; task.observation_len()],
+    };
+    env.observe(&mut step.observation);
+    products.policy.act(&step.observation, &step.desired_goal, scratch, &mut step.action);
+    env.step(&step.action)?;
+    env.observe(&mut step.next_observation);
+    Ok(step)
 }
 
 /// A run that was read from its directory.
