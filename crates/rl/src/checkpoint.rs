@@ -24,6 +24,7 @@ impl Ddpg {
             let rate = Tensor::f32(vec![1], vec![learned.adam.learning_rate()]);
             tensors.insert(format!("{name}_adam.learning_rate"), rate);
         }
+        tensors.insert_network("actor_average", &self.average);
         for (name, normalizer) in [("observation", &self.observation), ("goal", &self.goal)] {
             tensors.insert(format!("{name}.count"), Tensor::u64(normalizer.count));
             tensors.insert(format!("{name}.sum"), Tensor::f64(normalizer.sum.clone()));
@@ -56,6 +57,8 @@ impl Ddpg {
         for (name, network) in learned {
             read_learned(tensors, &name, network)?;
         }
+        let layout = learner.average.clone();
+        tensors.read_layers("actor_average", &layout, learner.average.parameters_mut())?;
         learner.n_updates = tensors.u64("n_updates")?;
         learner.observation = read_normalizer(tensors, "observation", normalizer, obs_dim)?;
         learner.goal = read_normalizer(tensors, "goal", normalizer, goal_dim)?;

@@ -20,6 +20,9 @@ pub struct DdpgConfig {
     pub tau: f32,
     /// Updates from one target update to the next. Default 1 (measured: once in a cycle of 40 does not learn).
     pub target_update_every: u64,
+    /// Number of updates over which the averaged actor averages: its weights are the exponential moving average of the
+    /// actor's with this time constant. Default 2000 (measured; averaging as in Polyak and Juditsky 1992).
+    pub average_updates: u64,
     /// Transitions in a minibatch. Default 256 (OpenAI baselines HER).
     pub batch_size: usize,
     /// Factor on the mean square of the actor's actions in its loss. Default 1 (OpenAI baselines HER).
@@ -48,6 +51,7 @@ impl Default for DdpgConfig {
             gamma: 0.98,
             tau: 0.005,
             target_update_every: 1,
+            average_updates: 2000,
             batch_size: 256,
             action_l2: 1.0,
             clip_targets: true,
@@ -83,9 +87,16 @@ impl DdpgConfig {
         number("target_smoothing", self.target_smoothing, 0.0, f32::INFINITY, "a number of at least 0")?;
         number("target_smoothing_clip", self.target_smoothing_clip, 0.0, f32::INFINITY, "a number of at least 0")?;
         count("target_update_every", self.target_update_every)?;
+        count("average_updates", self.average_updates)?;
         count("batch_size", self.batch_size as u64)?;
         count("actor_delay", self.actor_delay)?;
         self.normalizer.validate()
+    }
+
+    /// Returns the share of the way that the averaged actor goes towards the actor at the update of that number: the mean
+    /// of all before there are `average_updates`.
+    pub(crate) fn average_share(&self, n_updates: u64) -> f32 {
+        1.0 / self.average_updates.min(n_updates).max(1) as f32
     }
 
     /// Returns the least value that a target can have when it is clipped.

@@ -70,6 +70,8 @@ impl UpdateStats {
 pub struct Ddpg {
     pub(crate) config: DdpgConfig,
     pub(crate) actor: Learned,
+    /// Slow average of the actor, which nothing is learned from.
+    pub(crate) average: Mlp,
     pub(crate) critics: Vec<Learned>,
     pub(crate) observation: RunningNormalizer,
     pub(crate) goal: RunningNormalizer,
@@ -133,6 +135,7 @@ impl Ddpg {
             critic_gradient: vec![0.0; critics[0].online.parameters().len()],
         };
         Ok(Self {
+            average: actor.clone(),
             actor: Learned::new(actor, config.actor_lr),
             critics,
             observation: RunningNormalizer::new(config.normalizer, obs_dim),
@@ -175,6 +178,8 @@ impl Ddpg {
             self.actor.follow(tau);
             (None, None)
         };
+        let share = self.config.average_share(n_updates);
+        elementwise::polyak(share, self.actor.online.parameters(), self.average.parameters_mut());
         self.n_updates = n_updates;
         UpdateStats { critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean }
     }
@@ -184,6 +189,7 @@ impl Ddpg {
         let actor = match which {
             Which::Online => &self.actor.online,
             Which::Target => &self.actor.target,
+            Which::Average => &self.average,
         };
         Policy::new(actor.clone(), self.observation.clone(), self.goal.clone())
     }

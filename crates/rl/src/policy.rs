@@ -5,13 +5,15 @@ use std::sync::Arc;
 use crate::tensors::{Tensor, TensorMap};
 use crate::{Mlp, NormalizerConfig, OutputActivation, RlError, RunningNormalizer};
 
-/// Which of the learner's two actors.
+/// Which of the learner's actors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Which {
     /// The one that is trained.
     Online,
-    /// The slowly following average of it.
+    /// The target of it, which the critic's targets are computed with.
     Target,
+    /// The slow average of it, which is steadier than either.
+    Average,
 }
 
 /// A snapshot of an actor; clones share their weights.

@@ -102,7 +102,7 @@ pub struct TrainingConfig {
     pub warmup_episodes: u64,
     /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
     pub slide_hold: f32,
-    /// Networks that act in training episodes: online or target.
+    /// Networks that act in training episodes: online, target or average.
     pub rollout_actor: ActorChoice,
     /// Share of training after which learning rates fall linearly to `final_learning_rate`; 1 is never.
     pub decay_start: f64,
@@ -116,14 +116,16 @@ pub struct TrainingConfig {
     pub checkpoints_kept: usize,
 }
 
-/// Which of the two actors of DDPG acts.
+/// Which of the learner's actors acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ActorChoice {
     /// The one that is trained.
     Online,
-    /// Its slow average.
+    /// The target that follows it.
     Target,
+    /// Its average over many updates.
+    Average,
 }
 
 /// Evaluations without exploration.
@@ -136,7 +138,7 @@ pub struct EvaluationConfig {
     pub episodes: u64,
     /// Episodes of the final evaluation, on seeds of its own.
     pub final_episodes: u64,
-    /// Networks that act: online or target.
+    /// Networks that act: online, target or average.
     pub actor: ActorChoice,
     /// Keep the policy of the best evaluation as the run's result; otherwise the last.
     pub keep_best: bool,

@@ -549,5 +549,6 @@ fn which(choice: ActorChoice) -> Which {
     match choice {
         ActorChoice::Online => Which::Online,
         ActorChoice::Target => Which::Target,
+        ActorChoice::Average => Which::Average,
     }
 }
