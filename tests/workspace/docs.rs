@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use eigenhand_hands::HandManifest;
 use eigenhand_train::config::{Layers, Preset};
 use toml::{Table, Value};
 
@@ -146,6 +147,14 @@ fn every_column_and_every_file_of_a_run_is_documented() {
         let general = if name.ends_with(".xml") { "<object>.xml" } else { name };
         assert!(text.contains(general), "docs/run-directory.md lacks the file {}", path.display());
     }
+}
+
+#[test]
+fn the_hand_in_the_readme_is_one() {
+    let text = read("README.md");
+    let manifest = text.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).expect("a manifest");
+    let manifest = HandManifest::parse(manifest, "README.md".as_ref()).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!((manifest.name.as_str(), manifest.fingertips.len()), ("myhand", 2));
 }
 
 #[test]
