@@ -22,7 +22,7 @@ const CHUNK: u32 = 10;
 /// Rows and columns of the matrices whose product is the measure of the core.
 const SQUARE: usize = 1024;
 /// Turns that each of two implementations has.
-const PEER_ROUNDS: usize = 3;
+const PEER_ROUNDS: usize = 5;
 
 /// Speed of one update on one thread.
 #[derive(Clone, Debug, Serialize)]
