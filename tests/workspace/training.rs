@@ -196,9 +196,9 @@ fn an_unfinished_or_foreign_directory_is_not_resumed() {
 #[test]
 fn evaluation_leaves_no_trace_in_training() {
     let seldom = Run::new(gripper());
-    let a = seldom.train(&tiny(&["evaluation.every=1000", "evaluation.keep_best=false"]));
+    let a = seldom.train(&tiny(&["evaluation.every=1000", "evaluation.finalists=0"]));
     let often = Run::new(gripper());
-    let b = often.train(&tiny(&["evaluation.every=2", "evaluation.episodes=6", "evaluation.keep_best=false"]));
+    let b = often.train(&tiny(&["evaluation.every=2", "evaluation.episodes=6", "evaluation.finalists=0"]));
     assert_eq!(postures(&seldom), postures(&often));
     assert!(a.n_postures > 0 && a.n_postures == b.n_postures);
     assert!(seldom.bytes("checkpoints/replay.bin") == often.bytes("checkpoints/replay.bin"));

@@ -1,7 +1,7 @@
 //! Checkpoints: everything a run needs to go on as if it had not stopped.
 //!
 //! `checkpoints/replay.bin` is appended to and never rewritten; a checkpoint records how much of it counts. Each
-//! checkpoint is a directory with the learner, the best policy so far and a record of counters and digests, written
+//! checkpoint is a directory with the learner, the finalists and a record of counters and digests, written
 //! under a temporary name and renamed. Random streams need no state: they are functions of the seed and of the
 //! counters in the record.
 
@@ -10,7 +10,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use eigenhand_rl::{EpisodeData, TensorMap, UpdateStats};
+use eigenhand_rl::{EpisodeData, NormalizerConfig, Policy, TensorMap, UpdateStats};
 use eigenhand_sim::ffi::WarningCounts;
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,6 @@ use crate::files::{create_directory, sha256, write_atomically};
 const DIRECTORY: &str = "checkpoints";
 const REPLAY: &str = "replay.bin";
 const LEARNER: &str = "learner.safetensors";
-const BEST: &str = "best.safetensors";
 const RECORD: &str = "state.toml";
 /// First line of the record, before its value: the SHA-256 of the lines that follow.
 const DIGEST: &str = "digest = ";
@@ -48,10 +47,6 @@ pub struct Counters {
     pub postures: u64,
     /// Seconds of wall time so far.
     pub wall_s: f64,
-    /// Success rate of the best evaluation so far.
-    pub best_success_rate: Option<f64>,
-    /// Training episodes before it.
-    pub best_episode: Option<u64>,
     /// Success rate of the last evaluation.
     pub last_evaluation: Option<f64>,
     /// Whether the last noise-free training episodes succeeded, oldest first.
@@ -101,7 +96,31 @@ struct CheckpointRecord {
     counters: Counters,
     replay_bytes: u64,
     learner_sha256: String,
-    best_sha256: Option<String>,
+    #[serde(default)]
+    finalists: Vec<FinalistRecord>,
+}
+
+/// A policy whose evaluation was among the best.
+#[derive(Clone, Debug)]
+pub struct Finalist {
+    /// Success rate of its evaluation.
+    pub success_rate: f64,
+    /// Training episodes before it.
+    pub episode: u64,
+    /// The policy.
+    pub policy: Policy,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FinalistRecord {
+    success_rate: f64,
+    episode: u64,
+    sha256: String,
+}
+
+fn finalist_file(episode: u64) -> String {
+    format!("policy-{episode:08}.safetensors")
 }
 
 /// What a checkpoint held.
@@ -110,8 +129,8 @@ pub struct Restored {
     pub counters: Counters,
     /// The learner.
     pub learner: TensorMap,
-    /// The best policy so far.
-    pub best: Option<TensorMap>,
+    /// Policies of the best evaluations so far, the best first.
+    pub finalists: Vec<Finalist>,
     /// Every stored episode, oldest first.
     pub episodes: Vec<EpisodeData>,
 }
@@ -142,7 +161,7 @@ impl Checkpoints {
     /// # Errors
     /// [`TrainError::NotARun`] when there is none, [`TrainError::Damaged`] when a file does not fit its digest; the
     /// message names the file and what to do. Nothing is changed on disk before everything has been read.
-    pub fn open(run: &Path, kept: usize) -> Result<(Checkpoints, Restored), TrainError> {
+    pub fn open(run: &Path, kept: usize, normalizer: &NormalizerConfig) -> Result<(Checkpoints, Restored), TrainError> {
         let directory = run.join(DIRECTORY);
         let existing = list(&directory)?;
         let Some((_, newest)) = existing.last() else {
@@ -154,17 +173,21 @@ impl Checkpoints {
         let older = existing.len().checked_sub(2).and_then(|i| existing.get(i)).map(|(_, path)| path.as_path());
         let record = read_record(newest, older)?;
         let learner = read_tensors(&newest.join(LEARNER), &record.learner_sha256, newest, older)?;
-        let best = match &record.best_sha256 {
-            Some(digest) => Some(read_tensors(&newest.join(BEST), digest, newest, older)?),
-            None => None,
-        };
+        let mut finalists = Vec::with_capacity(record.finalists.len());
+        for FinalistRecord { success_rate, episode, sha256 } in record.finalists {
+            let path = newest.join(finalist_file(episode));
+            let tensors = read_tensors(&path, &sha256, newest, older)?;
+            let policy =
+                Policy::import_tensors(&tensors, normalizer).map_err(|error| damaged(&path, error, newest, older))?;
+            finalists.push(Finalist { success_rate, episode, policy });
+        }
         let path = directory.join(REPLAY);
         let mut replay = OpenOptions::new().read(true).write(true).open(&path).map_err(io_error("open", &path))?;
         let episodes = read_replay(&mut replay, &path, record.replay_bytes)?;
         replay.set_len(record.replay_bytes).map_err(io_error("truncate", &path))?;
         replay.seek(SeekFrom::End(0)).map_err(io_error("write", &path))?;
         let checkpoints = Checkpoints { directory, replay, replay_bytes: record.replay_bytes, kept };
-        Ok((checkpoints, Restored { counters: record.counters, learner, best, episodes }))
+        Ok((checkpoints, Restored { counters: record.counters, learner, finalists, episodes }))
     }
 
     /// Appends an episode to the replay's log; it counts from the next checkpoint on.
@@ -183,22 +206,27 @@ impl Checkpoints {
     ///
     /// # Errors
     /// [`TrainError::Io`].
-    pub fn save(
-        &mut self,
-        counters: &Counters,
-        learner: &TensorMap,
-        best: Option<&TensorMap>,
-    ) -> Result<(), TrainError> {
+    pub fn save(&mut self, counters: &Counters, learner: &TensorMap, finalists: &[Finalist]) -> Result<(), TrainError> {
         let replay_path = self.directory.join(REPLAY);
         self.replay.sync_data().map_err(io_error("write", &replay_path))?;
         let learner = learner.save_bytes()?;
-        let best = best.map(TensorMap::save_bytes).transpose()?;
+        let mut policies = Vec::with_capacity(finalists.len());
+        for finalist in finalists {
+            policies.push((finalist, finalist.policy.export_tensors().save_bytes()?));
+        }
         let record = CheckpointRecord {
             schema: SCHEMA,
             counters: counters.clone(),
             replay_bytes: self.replay_bytes,
             learner_sha256: sha256(&learner),
-            best_sha256: best.as_deref().map(sha256),
+            finalists: policies
+                .iter()
+                .map(|(finalist, bytes)| FinalistRecord {
+                    success_rate: finalist.success_rate,
+                    episode: finalist.episode,
+                    sha256: sha256(bytes),
+                })
+                .collect(),
         };
         let name = format!("{PREFIX}{:08}", counters.episodes);
         let (partial, path) = (self.directory.join(format!(".{name}.partial")), self.directory.join(&name));
@@ -207,8 +235,8 @@ impl Checkpoints {
         }
         create_directory(&partial)?;
         write_atomically(&partial.join(LEARNER), &learner)?;
-        if let Some(best) = best {
-            write_atomically(&partial.join(BEST), &best)?;
+        for (finalist, bytes) in &policies {
+            write_atomically(&partial.join(finalist_file(finalist.episode)), bytes)?;
         }
         let record = toml::to_string(&record)
             .map_err(|error| TrainError::Format { path: path.join(RECORD), reason: error.to_string() })?;

@@ -140,8 +140,11 @@ pub struct EvaluationConfig {
     pub final_episodes: u64,
     /// Networks that act: online, target or average.
     pub actor: ActorChoice,
-    /// Keep the policy of the best evaluation as the run's result; otherwise the last.
-    pub keep_best: bool,
+    /// Policies of the best evaluations that are compared again at the end, where the best of them becomes the result;
+    /// 0 takes the last policy instead.
+    pub finalists: usize,
+    /// Episodes of that comparison, for each finalist.
+    pub selection_episodes: u64,
 }
 
 /// The synergy space and its feedback into the reward.
@@ -335,6 +338,13 @@ impl RunConfig {
         share("training.final_learning_rate", t.final_learning_rate)?;
         positive("evaluation.every", self.evaluation.every)?;
         positive("evaluation.episodes", self.evaluation.episodes)?;
+        expect(
+            self.evaluation.finalists <= 100,
+            "evaluation.finalists",
+            "at most 100",
+            self.evaluation.finalists.to_string(),
+        )?;
+        positive("evaluation.selection_episodes", self.evaluation.selection_episodes)?;
         positive("evaluation.final_episodes", self.evaluation.final_episodes)?;
         positive("synergy.components", self.synergy.components as u64)?;
         self.penalty()

@@ -15,6 +15,8 @@ use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool};
 pub enum EvaluationStream {
     /// The same episodes at every evaluation during training.
     Periodic,
+    /// Episodes by which the finalists are compared.
+    Selection,
     /// Fresh episodes, seen by nothing before.
     Final,
     /// Episodes of an evaluation of its own, other than those of any training.
@@ -25,6 +27,7 @@ impl EvaluationStream {
     fn name(self) -> &'static str {
         match self {
             EvaluationStream::Periodic => "evaluate",
+            EvaluationStream::Selection => "select",
             EvaluationStream::Final => "final",
             EvaluationStream::Separate => "separate",
         }

@@ -15,7 +15,7 @@ use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_synergy::{Feedback, JointInfo, PostureDatabase, PostureRecord, RunningCovariance, Synergy, Unit};
 
-use crate::checkpoint::{Checkpoints, Counters, UpdateSums};
+use crate::checkpoint::{Checkpoints, Counters, Finalist, UpdateSums};
 use crate::config::{ActorChoice, RunConfig};
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate};
 use crate::metrics::{MetricsFile, Row};
@@ -62,12 +62,6 @@ pub(crate) fn joint_infos(task: &GraspTask) -> Vec<JointInfo> {
         .collect()
 }
 
-struct Best {
-    success_rate: f64,
-    episode: u64,
-    policy: Policy,
-}
-
 /// A run that trains.
 pub struct Trainer {
     config: RunConfig,
@@ -87,7 +81,7 @@ pub struct Trainer {
     checkpoints: Checkpoints,
     metrics: MetricsFile,
     counters: Counters,
-    best: Option<Best>,
+    finalists: Vec<Finalist>,
     started: Instant,
 }
 
@@ -126,7 +120,8 @@ impl Trainer {
         task: Arc<GraspTask>,
         run: RunDirectory,
     ) -> Result<Trainer, TrainError> {
-        let (checkpoints, restored) = Checkpoints::open(run.path(), config.training.checkpoints_kept)?;
+        let (checkpoints, restored) =
+            Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let learner = Ddpg::from_tensors(
             config.learner.clone(),
             task.observation_len(),
@@ -156,12 +151,7 @@ impl Trainer {
             });
         }
         trainer.refit()?;
-        if let (Some(tensors), Some(success_rate), Some(episode)) =
-            (restored.best, trainer.counters.best_success_rate, trainer.counters.best_episode)
-        {
-            let policy = Policy::import_tensors(&tensors, &trainer.config.learner.normalizer)?;
-            trainer.best = Some(Best { success_rate, episode, policy });
-        }
+        trainer.finalists = restored.finalists;
         Ok(trainer)
     }
 
@@ -202,7 +192,7 @@ impl Trainer {
             exploration: Arc::new(exploration),
             joints,
             counters,
-            best: None,
+            finalists: Vec::new(),
             started: Instant::now(),
             config,
             provenance,
@@ -261,7 +251,11 @@ impl Trainer {
             self.save()?;
         }
         if !stop.load(Ordering::Relaxed) {
-            progress.note(&format!("final evaluation: {} fresh episodes", self.config.evaluation.final_episodes));
+            progress.note(&format!(
+                "comparing the {} best policies, then {} fresh episodes with the chosen one",
+                self.finalists.len(),
+                self.config.evaluation.final_episodes
+            ));
         }
         progress.finish();
         self.finish(stop, before)
@@ -385,11 +379,10 @@ impl Trainer {
         )?;
         let rate = evaluation.success_rate;
         self.counters.last_evaluation = Some(rate);
-        if self.best.as_ref().is_none_or(|best| rate >= best.success_rate) {
-            self.best = Some(Best { success_rate: rate, episode: self.counters.episodes, policy });
-            self.counters.best_success_rate = Some(rate);
-            self.counters.best_episode = Some(self.counters.episodes);
-        }
+        // Of equals the later is the better.
+        let place = self.finalists.partition_point(|finalist| finalist.success_rate > rate);
+        self.finalists.insert(place, Finalist { success_rate: rate, episode: self.counters.episodes, policy });
+        self.finalists.truncate(self.config.evaluation.finalists);
         let row = self.metrics_row(&evaluation)?;
         self.metrics.append(&row)?;
         let per_object: Vec<String> = evaluation
@@ -464,21 +457,36 @@ impl Trainer {
     }
 
     fn save(&mut self) -> Result<(), TrainError> {
-        let best = self.best.as_ref().map(|best| best.policy.export_tensors());
-        self.checkpoints.save(&self.counters, &self.learner.to_tensors(), best.as_ref())
+        self.checkpoints.save(&self.counters, &self.learner.to_tensors(), &self.finalists)
     }
 
-    /// The policy that the run hands out, with the number of training episodes before it.
-    fn chosen_policy(&self) -> (Policy, u64) {
-        match &self.best {
-            Some(best) if self.config.evaluation.keep_best => (best.policy.clone(), best.episode),
-            _ => (self.learner.policy(which(self.config.evaluation.actor)), self.counters.episodes),
+    /// Chooses the policy that the run hands out, and tells the number of training episodes before it.
+    ///
+    /// The best of many noisy evaluations is partly luck, so the finalists are compared on episodes of their own.
+    fn choose_policy(&mut self, compare: bool) -> Result<(Policy, u64), TrainError> {
+        let episodes = self.config.evaluation.selection_episodes;
+        let mut chosen: Option<(f64, &Finalist)> = None;
+        for finalist in &self.finalists {
+            let rate = if compare && self.finalists.len() > 1 {
+                let stream = EvaluationStream::Selection;
+                evaluate(&mut self.pool, &self.task, &finalist.policy, self.config.seed, stream, episodes)?.success_rate
+            } else {
+                finalist.success_rate
+            };
+            tracing::info!("finalist of episode {}: success {:.1} %", finalist.episode, 100.0 * rate);
+            if chosen.is_none_or(|(best, _)| rate > best) {
+                chosen = Some((rate, finalist));
+            }
         }
+        Ok(match chosen {
+            Some((_, finalist)) => (finalist.policy.clone(), finalist.episode),
+            None => (self.learner.policy(which(self.config.evaluation.actor)), self.counters.episodes),
+        })
     }
 
     fn finish(mut self, stop: &AtomicBool, before: f64) -> Result<Summary, TrainError> {
-        let (policy, policy_episode) = self.chosen_policy();
         let complete = self.counters.episodes >= self.config.episodes && !stop.load(Ordering::Relaxed);
+        let (policy, policy_episode) = self.choose_policy(complete)?;
         let evaluation = if complete {
             let episodes = self.config.evaluation.final_episodes;
             let stream = EvaluationStream::Final;
