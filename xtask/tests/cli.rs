@@ -24,6 +24,8 @@ const TINY: [&str; 10] = [
     "learner.batch_size=32",
     "workers=1",
 ];
+/// Time after which something that should happen in a second is taken not to happen, also on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(300);
 /// Status of a failure, of a wrong command line, and after Ctrl-C.
 const FAILURE: i32 = 1;
 const USAGE: i32 = 2;
@@ -120,7 +122,7 @@ impl Background {
 fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
     let start = Instant::now();
     while !holds() {
-        assert!(start.elapsed() < Duration::from_secs(60), "{what} did not happen in a minute");
+        assert!(start.elapsed() < PATIENCE, "{what} did not happen in {PATIENCE:?}");
         std::thread::sleep(Duration::from_millis(10));
     }
 }
@@ -289,9 +291,9 @@ fn an_interrupted_run_saves_and_a_killed_one_goes_on_from_its_checkpoint() {
     running.signal("-KILL");
     running.finish();
 
-    let total = (next + 400).to_string();
+    let total = (next + 40).to_string();
     let output = run(&["train", "--resume", out.to_str().unwrap(), "--episodes", &total, "--json"]);
-    assert_eq!(json(&output)["episodes"], next + 400);
+    assert_eq!(json(&output)["episodes"], next + 40);
     let text = stderr(&output);
     let from: u64 = text.split("from episode ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
     assert!(from >= next, "{text}");
