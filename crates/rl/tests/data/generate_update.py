@@ -21,6 +21,7 @@ NORM_EPSILON, NORM_CLIP, RAW_CLIP = 0.01, 1.5, 3.0
 # Widens the target critic's values so that some targets are clipped at either end.
 TARGET_SPREAD = 16
 ADAM_STEPS_BEFORE, UPDATES_BEFORE = 3, 3
+AVERAGE_UPDATES = 3
 
 
 def rounded(x):
@@ -115,9 +116,11 @@ class Normalizer:
         }
 
 
-def checkpoint(actor, critics, observation, goal, n_updates):
+def checkpoint(actor, average, critics, observation, goal, n_updates):
     out = {"schema": np.array([1], np.uint64), "n_updates": np.array([n_updates], np.uint64)}
     out |= actor.tensors("actor")
+    for i, (w, b) in enumerate(zip(average.w, average.b)):
+        out |= {f"actor_average.{i}.weight": np.float32(w), f"actor_average.{i}.bias": np.float32(b)}
     for i, critic in enumerate(critics):
         out |= critic.tensors(f"critic{i}")
     return out | observation.tensors("observation") | goal.tensors("goal")
@@ -152,7 +155,8 @@ def generate(path, seed, twin):
         "rewards": rounded(rng.uniform(-1, 0, BATCH)),
         "next_observations": rounded(rng.normal(0, 2, (BATCH, OBS))),
     }
-    tensors = {f"before.{k}": v for k, v in checkpoint(actor, critics, observation, goal, UPDATES_BEFORE).items()}
+    average = Net(rng, [state, *HIDDEN, ACT], True)
+    tensors = {f"before.{k}": v for k, v in checkpoint(actor, average, critics, observation, goal, UPDATES_BEFORE).items()}
     tensors |= {f"batch.{k}": np.float32(v) for k, v in batch.items()}
 
     s = np.hstack([observation(batch["observations"]), goal(batch["goals"])])
@@ -182,8 +186,12 @@ def generate(path, seed, twin):
     actor.step(gw, gb)
     for learned in [actor, *critics]:
         learned.follow()
+    share = 1 / min(AVERAGE_UPDATES, UPDATES_BEFORE + 1)
+    for mean, p in zip(average.params(), actor.net.params()):
+        mean += share * (p - mean)
 
-    tensors |= {f"after.{k}": v for k, v in checkpoint(actor, critics, observation, goal, UPDATES_BEFORE + 1).items()}
+    after = checkpoint(actor, average, critics, observation, goal, UPDATES_BEFORE + 1)
+    tensors |= {f"after.{k}": v for k, v in after.items()}
     stats = {
         "critic_loss": critic_loss,
         "actor_loss": actor_loss,

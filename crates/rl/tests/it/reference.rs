@@ -12,6 +12,7 @@ fn config(twin_critics: bool) -> DdpgConfig {
         hidden: vec![8, 8],
         gamma: 0.9,
         tau: 0.05,
+        average_updates: 3,
         action_l2: 0.7,
         batch_size: BATCH,
         twin_critics,
