@@ -1,4 +1,6 @@
 //! The command line: parses, dispatches to the libraries, and prints.
+// The doc comments of arguments are what --help prints, with placeholders in angle brackets.
+#![allow(rustdoc::invalid_html_tags)]
 #![forbid(unsafe_code)]
 
 mod bench;
