@@ -251,11 +251,10 @@ impl Trainer {
             self.save()?;
         }
         if !stop.load(Ordering::Relaxed) {
-            progress.note(&format!(
-                "comparing the {} best policies, then {} fresh episodes with the chosen one",
-                self.finalists.len(),
-                self.config.evaluation.final_episodes
-            ));
+            if self.finalists.len() > 1 {
+                progress.note(&format!("comparing the {} best policies", self.finalists.len()));
+            }
+            progress.note(&format!("final evaluation: {} fresh episodes", self.config.evaluation.final_episodes));
         }
         progress.finish();
         self.finish(stop, before)
