@@ -86,8 +86,12 @@ class Scene:
         hand = self.id(mujoco.mjtObj.mjOBJ_BODY, names["hand_body"])
         self.is_hand = np.array([self.is_below(self.model.geom_bodyid[g], hand) for g in range(self.model.ngeom)])
         # The observation names its joints, so no order has to be known here. The id is the object's number.
-        self.object_id = reference["observation"][-1]
         self.sources = [entry["name"] for entry in self.config["observation"]]
+        self.object_id = reference["observation"][self.sources.index("object:id")]
+        body = self.model.geom_bodyid[self.object_geom]
+        inertia, self.principal_axes = self.model.body_inertia[body], self.model.body_iquat[body]
+        # Half sizes of the box that has the object's mass and inertia.
+        self.half_sizes = np.sqrt(np.maximum(1.5 * (inertia.sum() - 2 * inertia) / self.model.body_mass[body], 0))
 
     def id(self, kind, name):
         found = mujoco.mj_name2id(self.model, kind, name)
@@ -110,11 +114,21 @@ class Scene:
         for _ in range(self.config["substeps"]):
             mujoco.mj_step(self.model, self.data)
 
+    def shape(self, orientation):
+        """The object's half sizes as a symmetric matrix along the world's axes."""
+        turned, axes = np.empty(4), np.empty(9)
+        mujoco.mju_mulQuat(turned, orientation / np.linalg.norm(orientation), self.principal_axes)
+        mujoco.mju_quat2Mat(axes, turned)
+        axes = axes.reshape(3, 3)
+        matrix = axes @ np.diag(self.half_sizes) @ axes.T
+        return {f"shape_{'xyz'[i]}{'xyz'[j]}": matrix[i, j] for i in range(3) for j in range(i, 3)}
+
     def observe(self):
         qpos, qvel = self.data.qpos, self.data.qvel
         place, speed = qpos[self.object_qpos :][:7], qvel[self.object_dof :][:6]
         known = dict(zip(("x", "y", "z", "qw", "qx", "qy", "qz"), place))
         known |= dict(zip(("vx", "vy", "vz", "wx", "wy", "wz"), speed), id=self.object_id)
+        known |= self.shape(place[3:])
 
         def value(source):
             kind, name = source.split(":", 1)

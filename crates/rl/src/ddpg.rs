@@ -120,6 +120,7 @@ impl Ddpg {
         let n_critics = if config.twin_critics { 2 } else { 1 };
         let critics: Vec<Learned> = (0..n_critics)
             .map(|_| Mlp::new(&sizes(state + act_dim, 1), OutputActivation::Linear, rng))
+            .map(|net| if config.critic_layer_norm { net.with_layer_norm() } else { net })
             .map(|net| Learned::new(net, config.critic_lr))
             .collect();
         let batch = config.batch_size;

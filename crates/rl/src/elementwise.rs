@@ -142,6 +142,35 @@ fn tanh(x: f32) -> f32 {
     (x * p / q).clamp(-1.0, 1.0)
 }
 
+/// Added to a variance before its root is taken, as PyTorch's `LayerNorm` does.
+const NORM_EPSILON: f32 = 1e-5;
+/// Partial sums, so that a sum is not one chain of additions; a fixed number, so that it is the same on every machine.
+const LANES: usize = 32;
+
+#[inline(always)]
+fn sum(values: &[f32]) -> f32 {
+    let mut lanes = [0.0; LANES];
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    for chunk in chunks {
+        for (lane, v) in lanes.iter_mut().zip(chunk) {
+            *lane += *v;
+        }
+    }
+    lanes.iter().sum::<f32>() + rest.iter().sum::<f32>()
+}
+
+#[inline(always)]
+fn sum_of_products(a: &[f32], b: &[f32]) -> f32 {
+    let mut lanes = [0.0; LANES];
+    let ((chunks, rest), (others, other_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (chunk, other) in chunks.iter().zip(others) {
+        for ((lane, x), y) in lanes.iter_mut().zip(chunk).zip(other) {
+            *lane += *x * *y;
+        }
+    }
+    lanes.iter().sum::<f32>() + rest.iter().zip(other_rest).map(|(x, y)| x * y).sum::<f32>()
+}
+
 vectorized! {
     /// One Adam step.
     fn adam<'a>(c: AdamCoefficients, p: &'a mut [f32], g: &'a [f32], m: &'a mut [f32], v: &'a mut [f32]) -> () {
@@ -179,6 +208,49 @@ vectorized! {
             for (v, b) in row.iter_mut().zip(bias) {
                 let x = *v + *b;
                 *v = if x < 0.0 { 0.0 } else { x };
+            }
+        }
+    }
+
+    /// Adds the bias to each row, brings the row to mean 0 and variance 1, and rectifies. `normalized` keeps the rows before
+    /// rectification and `inverse_std` one over their standard deviations, for [`norm_relu_gradient`].
+    fn bias_norm_relu<'a>(
+        values: &'a mut [f32],
+        bias: &'a [f32],
+        normalized: &'a mut [f32],
+        inverse_std: &'a mut [f32],
+    ) -> () {
+        let width = bias.len();
+        let rows = values.chunks_exact_mut(width).zip(normalized.chunks_exact_mut(width));
+        for ((row, normalized), inverse_std) in rows.zip(inverse_std) {
+            for ((n, v), b) in normalized.iter_mut().zip(row.iter()).zip(bias) {
+                *n = *v + *b;
+            }
+            let mean = sum(normalized) / width as f32;
+            for n in normalized.iter_mut() {
+                *n -= mean;
+            }
+            let variance = sum_of_products(normalized, normalized) / width as f32;
+            *inverse_std = 1.0 / (variance + NORM_EPSILON).sqrt();
+            for (n, v) in normalized.iter_mut().zip(row) {
+                *n *= *inverse_std;
+                *v = if *n < 0.0 { 0.0 } else { *n };
+            }
+        }
+    }
+
+    /// Takes the gradient by the results of [`bias_norm_relu`] back to what was given to it.
+    fn norm_relu_gradient<'a>(gradient: &'a mut [f32], normalized: &'a [f32], inverse_std: &'a [f32]) -> () {
+        let width = gradient.len() / inverse_std.len();
+        let rows = gradient.chunks_exact_mut(width).zip(normalized.chunks_exact(width));
+        for ((row, normalized), inverse_std) in rows.zip(inverse_std) {
+            for (g, n) in row.iter_mut().zip(normalized) {
+                *g = if *n > 0.0 { *g } else { 0.0 };
+            }
+            let mean = sum(row) / width as f32;
+            let slope = sum_of_products(row, normalized) / width as f32;
+            for (g, n) in row.iter_mut().zip(normalized) {
+                *g = *inverse_std * (*g - mean - slope * *n);
             }
         }
     }

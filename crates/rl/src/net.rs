@@ -61,6 +61,7 @@ pub struct InputGradient<'a> {
 pub struct Mlp {
     layers: Vec<LayerShape>,
     output: OutputActivation,
+    layer_norm: bool,
     parameters: Vec<f32>,
 }
 
@@ -69,8 +70,18 @@ pub struct Mlp {
 pub struct MlpScratch {
     batch: usize,
     activations: Vec<Vec<f32>>,
+    /// What layer normalisation gave, for each hidden layer; empty without it.
+    normalized: Vec<Normalized>,
     delta: Vec<f32>,
     next_delta: Vec<f32>,
+}
+
+/// Rows of mean 0 and variance 1 before rectification.
+#[derive(Clone, Debug)]
+struct Normalized {
+    values: Vec<f32>,
+    /// One over the standard deviation that a row had.
+    inverse_std: Vec<f32>,
 }
 
 impl MlpScratch {
@@ -116,7 +127,16 @@ impl Mlp {
             offset = layer.bias().end;
             layers.push(layer);
         }
-        Self { layers, output, parameters: vec![0.0; offset] }
+        Self { layers, output, layer_norm: false, parameters: vec![0.0; offset] }
+    }
+
+    /// Puts layer normalisation, without a gain and a bias of its own, before the rectification of each hidden layer.
+    ///
+    /// # Source
+    /// Ba, Kiros and Hinton 2016; in critics: Hiraoka et al. 2022 (DroQ) and Ball et al. 2023 (RLPD).
+    pub fn with_layer_norm(mut self) -> Self {
+        self.layer_norm = true;
+        self
     }
 
     /// Sizes scratch for passes over `batch` rows.
@@ -125,6 +145,10 @@ impl Mlp {
         MlpScratch {
             batch,
             activations: self.layers.iter().map(|l| vec![0.0; batch * l.outputs]).collect(),
+            normalized: self.layers[..if self.layer_norm { self.layers.len() - 1 } else { 0 }]
+                .iter()
+                .map(|l| Normalized { values: vec![0.0; batch * l.outputs], inverse_std: vec![0.0; batch] })
+                .collect(),
             delta: vec![0.0; batch * widest],
             next_delta: vec![0.0; batch * widest],
         }
@@ -178,6 +202,10 @@ impl Mlp {
             gemm(MatrixMut::new(out, batch, layer.outputs), Write::Replace, input, weight.t());
             let bias = &self.parameters[layer.bias()];
             match (i == last, self.output) {
+                (false, _) if self.layer_norm => {
+                    let Normalized { values, inverse_std } = &mut scratch.normalized[i];
+                    elementwise::bias_norm_relu(out, bias, values, inverse_std);
+                }
                 (false, _) => elementwise::bias_relu(out, bias),
                 (true, OutputActivation::Linear) => elementwise::bias(out, bias),
                 (true, OutputActivation::Tanh) => elementwise::bias_tanh(out, bias),
@@ -202,7 +230,7 @@ impl Mlp {
         mut parameter_gradient: Option<&mut [f32]>,
         input_gradient: Option<InputGradient<'_>>,
     ) {
-        let MlpScratch { batch, activations, delta, next_delta } = scratch;
+        let MlpScratch { batch, activations, normalized, delta, next_delta } = scratch;
         let batch = *batch;
         let last = self.layers.len() - 1;
         let n_out = batch * self.outputs();
@@ -231,6 +259,13 @@ impl Mlp {
             let next = &mut next_delta[..batch * layer.inputs];
             gemm(MatrixMut::new(next, batch, layer.inputs), Write::Replace, d, weight);
             match parameter_gradient.as_deref_mut() {
+                gradient if self.layer_norm => {
+                    let Normalized { values, inverse_std } = &normalized[below];
+                    elementwise::norm_relu_gradient(next, values, inverse_std);
+                    if let Some(gradient) = gradient {
+                        elementwise::row_sum(next, &mut gradient[self.layers[below].bias()]);
+                    }
+                }
                 Some(gradient) => {
                     elementwise::relu_mask_sum(next, &activations[below], &mut gradient[self.layers[below].bias()]);
                 }
@@ -248,7 +283,7 @@ impl Mlp {
         }
     }
 
-    /// `(x: inputs) => out: outputs` for one row.
+    /// `(x: inputs) => out: outputs` for one row of a network without layer normalisation.
     ///
     /// # Shapes
     /// `buffers`: two slices, each at least as long as the widest hidden layer.
@@ -256,6 +291,7 @@ impl Mlp {
     /// # Panics
     /// When a slice is too short.
     pub fn forward_row(&self, x: &[f32], buffers: [&mut [f32]; 2], out: &mut [f32]) {
+        assert!(!self.layer_norm, "a single row is for networks without layer normalisation");
         let last = self.layers.len() - 1;
         let [mut from, mut to] = buffers;
         for (i, layer) in self.layers.iter().enumerate() {

@@ -26,6 +26,8 @@ pub struct EpisodeSetup {
 pub struct GraspEnv {
     task: Arc<GraspTask>,
     simulations: Vec<Data>,
+    /// For each scene its object alone on the plane.
+    resting: Vec<Data>,
     current: usize,
     step: usize,
     desired_goal: [f32; GraspTask::GOAL_LEN],
@@ -39,9 +41,11 @@ impl GraspEnv {
     /// [`SimError::OutOfMemory`].
     pub fn new(task: &Arc<GraspTask>) -> Result<GraspEnv, SimError> {
         let simulations = task.scenes.iter().map(|scene| scene.data()).collect::<Result<_, _>>()?;
+        let resting = task.scenes.iter().map(|scene| scene.resting_data()).collect::<Result<_, _>>()?;
         Ok(GraspEnv {
             task: Arc::clone(task),
             simulations,
+            resting,
             current: 0,
             step: 0,
             desired_goal: [0.0; GraspTask::GOAL_LEN],
@@ -59,7 +63,7 @@ impl GraspEnv {
         &self.simulations[self.current]
     }
 
-    /// Starts an episode: an object in a random pose comes to rest on the plane while the hand is up,
+    /// Starts an episode: an object in a random pose comes to rest on the plane before there is a hand,
     /// is put back to its drawn place, and the open hand stands at the slide's start.
     ///
     /// # Errors
@@ -69,34 +73,30 @@ impl GraspEnv {
         let scene = &task.scenes[setup.scene];
         self.current = setup.scene;
         self.step = 0;
-        let data = &mut self.simulations[setup.scene];
         let at = &scene.addresses;
 
         let range = task.config.object_range;
         let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
         let orientation = draw_orientation(task.config.orientation, rng);
-        data.reset();
-        data.qpos_mut().copy_from_slice(&at.start_qpos);
-        data.qpos_mut()[at.slide_qpos] = task.slide_top;
-        data.ctrl_mut().copy_from_slice(&task.start_ctrl);
-        data.ctrl_mut()[at.slide_ctrl] = task.slide_top;
+        let resting = &mut self.resting[setup.scene];
+        resting.reset();
         let height = scene.object.shape.depth_below_centre(&orientation) + DROP;
         let q = orientation.quaternion();
-        data.qpos_mut()[at.object_qpos..at.object_qpos + 7]
-            .copy_from_slice(&[place[0], place[1], height, q.w, q.i, q.j, q.k]);
+        resting.qpos_mut().copy_from_slice(&[place[0], place[1], height, q.w, q.i, q.j, q.k]);
         let settling = (task.config.settle_time / task.physics.timestep).round() as usize;
         for _ in 0..settling {
-            data.step();
+            resting.step();
         }
-        if data.warnings().bad_state > 0 {
+        if resting.warnings().bad_state > 0 {
             return Err(SimError::Diverged { step: 0 });
         }
 
-        let mut rest: Vec<f64> = data.qpos()[at.object_qpos..at.object_qpos + 7].to_vec();
+        let mut rest: Vec<f64> = resting.qpos().to_vec();
         // A quaternion and its negative are one orientation; an episode starts with the one whose w is not negative.
         if rest[3] < 0.0 {
             rest[3..7].iter_mut().for_each(|q| *q = -*q);
         }
+        let data = &mut self.simulations[setup.scene];
         data.reset();
         data.qpos_mut().copy_from_slice(&at.start_qpos);
         data.ctrl_mut().copy_from_slice(&task.start_ctrl);
@@ -136,6 +136,8 @@ impl GraspEnv {
         let at = &scene.addresses;
         let data = &self.simulations[self.current];
         let (qpos, qvel) = (data.qpos(), data.qvel());
+        let orientation = std::array::from_fn(|i| qpos[at.object_qpos + 3 + i]);
+        let shape = self.task.config.observe_shape.then(|| scene.shape_along_axes(orientation));
         let values = at
             .posture_qpos
             .iter()
@@ -143,7 +145,8 @@ impl GraspEnv {
             .chain(at.posture_dof.iter().map(|&i| qvel[i]))
             .chain(qpos[at.object_qpos..at.object_qpos + 7].iter().copied())
             .chain(qvel[at.object_dof..at.object_dof + 6].iter().copied())
-            .chain(std::iter::once(scene.object.id as f64));
+            .chain(std::iter::once(scene.object.id as f64))
+            .chain(shape.into_iter().flatten());
         for (out, value) in observation.iter_mut().zip(values) {
             *out = value as f32;
         }

@@ -98,6 +98,17 @@ impl Scene {
     }
 }
 
+/// MJCF text of the object alone on the plane, in which it comes to rest before an episode.
+pub(crate) fn resting_scene(object: &Object, physics: &PhysicsConfig) -> String {
+    let mut root = element("mujoco", &[("model", object.name.to_string())]);
+    append(&mut root, option(physics));
+    let mut world = Element::new("worldbody");
+    append(&mut world, plane());
+    append(&mut world, object_body(object, physics));
+    append(&mut root, world);
+    print(&root)
+}
+
 fn print(root: &Element) -> String {
     let mut text = Vec::new();
     let config = xmltree::EmitterConfig::new().perform_indent(true).write_document_declaration(false);

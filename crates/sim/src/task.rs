@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use eigenhand_hands::{Hand, HandJoint};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::SimError;
-use crate::ffi::{Data, GeomId, Model, MuJoCo};
+use crate::ffi::{BodyId, Data, GeomId, Model, MuJoCo};
 use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
-use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene};
+use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
 
 /// How an object is turned before it is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,6 +41,8 @@ pub struct TaskConfig {
     pub orientation: Orientation,
     /// Time in s that a dropped object has to come to rest. Default 0.4.
     pub settle_time: f64,
+    /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`].
+    pub observe_shape: bool,
 }
 
 impl TaskConfig {
@@ -120,6 +123,31 @@ pub struct ObjectScene {
     /// The compiled model.
     pub model: Arc<Model>,
     pub(crate) addresses: Addresses,
+    /// The object alone on the plane.
+    resting: Arc<Model>,
+    inertia_box: InertiaBox,
+}
+
+/// The box that has a body's mass and inertia.
+struct InertiaBox {
+    /// Half sizes in m along the principal axes.
+    half_sizes: Vector3<f64>,
+    /// Orientation of the principal axes in the body.
+    axes: UnitQuaternion<f64>,
+}
+
+impl InertiaBox {
+    // Of a box of half sizes h, the moment about the first axis is m (h2^2 + h3^2) / 3.
+    fn of(model: &Model, body: BodyId) -> InertiaBox {
+        let [a, b, c] = model.principal_inertia(body);
+        let per_mass = 1.5 / model.body_mass(body);
+        let half = |others: f64, own: f64| (per_mass * (others - own)).max(0.0).sqrt();
+        let [w, x, y, z] = model.principal_axes(body);
+        InertiaBox {
+            half_sizes: Vector3::new(half(b + c, a), half(a + c, b), half(a + b, c)),
+            axes: UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
+        }
+    }
 }
 
 /// The grasp task of one hand, shared by all environments.
@@ -161,6 +189,10 @@ const OBJECT_ENTRIES: [(&str, &str); 14] = [
     ("object:id", "1"),
 ];
 
+/// The entries of the object's shape, which follow them when they are asked for.
+const SHAPE_ENTRIES: [&str; 6] =
+    ["object:shape_xx", "object:shape_yy", "object:shape_zz", "object:shape_xy", "object:shape_xz", "object:shape_yz"];
+
 impl GraspTask {
     /// Number of values of a goal: the object's position.
     pub const GOAL_LEN: usize = 3;
@@ -200,7 +232,9 @@ impl GraspTask {
             .map(|object| {
                 let (scene, model) = compile(&object, mass)?;
                 let addresses = Addresses::resolve(&model, hand)?;
-                Ok(ObjectScene { object, scene, model: Arc::new(model), addresses })
+                let inertia_box = InertiaBox::of(&model, model.geom_body(addresses.object));
+                let resting = Arc::new(Model::from_xml(library, &resting_scene(&object, &physics), &[])?);
+                Ok(ObjectScene { object, scene, model: Arc::new(model), addresses, resting, inertia_box })
             })
             .collect::<Result<_, SimError>>()?;
 
@@ -234,7 +268,8 @@ impl GraspTask {
 
     /// Returns the number of values of an observation.
     pub fn observation_len(&self) -> usize {
-        2 * self.posture_joints.len() + OBJECT_ENTRIES.len()
+        let shape = if self.config.observe_shape { SHAPE_ENTRIES.len() } else { 0 };
+        2 * self.posture_joints.len() + OBJECT_ENTRIES.len() + shape
     }
 
     /// Returns the number of values of an action.
@@ -242,7 +277,7 @@ impl GraspTask {
         self.actuators.len()
     }
 
-    /// Describes every entry of the observation, in order (paper, section 3.1).
+    /// Describes every entry of the observation, in order (paper, section 3.1, and the object's shape).
     pub fn observation_layout(&self) -> Vec<ObservationEntry> {
         let joints = |prefix: &'static str, per_second: bool| {
             self.posture_joints.iter().map(move |joint| ObservationEntry {
@@ -255,7 +290,9 @@ impl GraspTask {
             })
         };
         let object = OBJECT_ENTRIES.map(|(name, unit)| ObservationEntry { name: name.to_owned(), unit });
-        joints("qpos", false).chain(joints("qvel", true)).chain(object).collect()
+        let shape = SHAPE_ENTRIES.iter().filter(|_| self.config.observe_shape);
+        let shape = shape.map(|&name| ObservationEntry { name: name.to_owned(), unit: "m" });
+        joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(shape).collect()
     }
 
     /// Returns the controls at which every episode starts.
@@ -321,5 +358,25 @@ impl ObjectScene {
     /// [`SimError::OutOfMemory`].
     pub fn data(&self) -> Result<Data, SimError> {
         Data::new(&self.model)
+    }
+
+    /// Allocates a simulation of the object alone on the plane; its `qpos` and `qvel` are the object's pose and velocity.
+    ///
+    /// # Errors
+    /// [`SimError::OutOfMemory`].
+    pub(crate) fn resting_data(&self) -> Result<Data, SimError> {
+        Data::new(&self.resting)
+    }
+
+    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: the symmetric matrix whose principal axes are those of
+    /// the turned object and whose principal values are the half sizes of the box with its mass and inertia.
+    ///
+    /// Turning an object by one of its symmetries leaves the numbers as they are, which a quaternion does not.
+    pub fn shape_along_axes(&self, orientation: [f64; 4]) -> [f64; 6] {
+        let [w, x, y, z] = orientation;
+        let turned = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)) * self.inertia_box.axes;
+        let axes = turned.to_rotation_matrix();
+        let m = axes.matrix() * Matrix3::from_diagonal(&self.inertia_box.half_sizes) * axes.matrix().transpose();
+        [m[(0, 0)], m[(1, 1)], m[(2, 2)], m[(0, 1)], m[(0, 2)], m[(1, 2)]]
     }
 }

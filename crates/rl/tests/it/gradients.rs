@@ -11,13 +11,19 @@ use crate::{assert_close, random_batch, random_episode};
 const H: f64 = 1e-6;
 
 /// The forward pass of one row, from the definition.
-fn forward(layers: &[LayerShape], parameters: &[f64], x: &[f64], tanh: bool) -> Vec<f64> {
+fn forward(layers: &[LayerShape], parameters: &[f64], x: &[f64], tanh: bool, layer_norm: bool) -> Vec<f64> {
     let mut x = x.to_vec();
     for (i, layer) in layers.iter().enumerate() {
         let (weight, bias) = (&parameters[layer.weight()], &parameters[layer.bias()]);
         let sums = weight.chunks(layer.inputs).zip(bias);
         x = sums.map(|(row, b)| b + row.iter().zip(&x).map(|(w, x)| w * x).sum::<f64>()).collect();
         if i + 1 < layers.len() {
+            if layer_norm {
+                let n = x.len() as f64;
+                let mean = x.iter().sum::<f64>() / n;
+                let variance = x.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / n;
+                x.iter_mut().for_each(|x| *x = (*x - mean) / (variance + 1e-5).sqrt());
+            }
             x.iter_mut().for_each(|x| *x = x.max(0.0));
         } else if tanh {
             x.iter_mut().for_each(|x| *x = x.tanh());
@@ -52,19 +58,22 @@ fn assert_all_close(what: &str, got: &[f32], expected: &[f64], tolerance: f64) {
     }
 }
 
-fn check_network(output: OutputActivation) {
+fn check_network(output: OutputActivation, layer_norm: bool) {
     const BATCH: usize = 5;
     const STRIDE: usize = 7;
     let mut draws = rng::stream(11, "gradients", 0);
     let mut net = Mlp::new(&[4, 8, 6, 3], output, &mut draws);
     net.parameters_mut().iter_mut().for_each(|p| *p += draws.random_range(-0.1..0.1));
+    if layer_norm {
+        net = net.with_layer_norm();
+    }
     let x: Vec<f32> = (0..BATCH * STRIDE).map(|_| draws.random_range(-1.0..1.0)).collect();
     let output_gradient: Vec<f32> = (0..BATCH * 3).map(|_| draws.random_range(-1.0..1.0)).collect();
     let tanh = output == OutputActivation::Tanh;
     let layers = net.layers().to_vec();
     // The sum of the outputs, each times the gradient given for it.
     let loss = |parameters: &[f64], x: &[f64]| -> f64 {
-        let outputs = x.chunks(STRIDE).flat_map(|row| forward(&layers, parameters, &row[..4], tanh));
+        let outputs = x.chunks(STRIDE).flat_map(|row| forward(&layers, parameters, &row[..4], tanh, layer_norm));
         outputs.zip(&output_gradient).map(|(y, g)| y * f64::from(*g)).sum()
     };
 
@@ -73,7 +82,7 @@ fn check_network(output: OutputActivation) {
     net.forward(rows, &mut scratch);
     let (parameters, inputs) = (doubles(net.parameters()), doubles(&x));
     for (row, got) in inputs.chunks(STRIDE).zip(scratch.output().chunks(3)) {
-        for (got, expected) in got.iter().zip(forward(&layers, &parameters, &row[..4], tanh)) {
+        for (got, expected) in got.iter().zip(forward(&layers, &parameters, &row[..4], tanh, layer_norm)) {
             assert_close("output", f64::from(*got), expected, 1e-6);
         }
     }
@@ -94,12 +103,17 @@ fn check_network(output: OutputActivation) {
 
 #[test]
 fn linear_network() {
-    check_network(OutputActivation::Linear);
+    check_network(OutputActivation::Linear, false);
 }
 
 #[test]
 fn tanh_network() {
-    check_network(OutputActivation::Tanh);
+    check_network(OutputActivation::Tanh, false);
+}
+
+#[test]
+fn network_with_layer_normalisation() {
+    check_network(OutputActivation::Linear, true);
 }
 
 /// All parameters of a network in a checkpoint, in the order of [`LayerShape`].
@@ -121,6 +135,15 @@ fn first_gradient(tensors: &TensorMap, name: &str, layers: &[LayerShape]) -> Vec
 
 #[test]
 fn losses_of_actor_and_critic() {
+    check_losses(false);
+}
+
+#[test]
+fn losses_with_a_normalised_critic() {
+    check_losses(true);
+}
+
+fn check_losses(critic_layer_norm: bool) {
     const BATCH: usize = 6;
     let shape = EpisodeShape { n_steps: 10, obs_dim: 4, goal_dim: 2, act_dim: 3, fact_dim: 0 };
     let mut draws = rng::stream(12, "gradients", 0);
@@ -130,6 +153,7 @@ fn losses_of_actor_and_critic() {
         critic_lr: 0.05,
         clip_targets: false,
         action_l2: 0.8,
+        critic_layer_norm,
         ..DdpgConfig::default()
     };
     let (gamma, action_l2) = (f64::from(config.gamma), f64::from(config.action_l2));
@@ -149,8 +173,10 @@ fn losses_of_actor_and_critic() {
         learner.goal_normalizer().normalize(&batch.goals[i * 2..][..2], &mut goal);
         doubles(&[obs.as_slice(), &goal].concat())
     };
-    let act = |actor: &[f64], s: &[f64]| forward(&actor_layers, actor, s, true);
-    let value = |critic: &[f64], s: &[f64], a: &[f64]| forward(&critic_layers, critic, &[s, a].concat(), false)[0];
+    let act = |actor: &[f64], s: &[f64]| forward(&actor_layers, actor, s, true, false);
+    let value = |critic: &[f64], s: &[f64], a: &[f64]| {
+        forward(&critic_layers, critic, &[s, a].concat(), false, critic_layer_norm)[0]
+    };
 
     let actor = doubles(&flat(&before, "actor", &actor_layers));
     let critic = doubles(&flat(&before, "critic0", &critic_layers));

@@ -187,6 +187,23 @@ impl Model {
         self.ints(self.get().geom_bodyid, self.get().ngeom).iter().map(|&body| below[body as usize]).collect()
     }
 
+    /// Returns a body's own mass in kg.
+    pub fn body_mass(&self, id: BodyId) -> f64 {
+        self.numbers(self.get().body_mass, self.get().nbody)[id.0]
+    }
+
+    /// Returns a body's principal moments of inertia in kg m2.
+    pub fn principal_inertia(&self, id: BodyId) -> [f64; 3] {
+        let moments = self.numbers(self.get().body_inertia, 3 * self.get().nbody);
+        std::array::from_fn(|i| moments[3 * id.0 + i])
+    }
+
+    /// Returns the orientation of a body's principal axes of inertia in the body's frame, as w, x, y, z.
+    pub fn principal_axes(&self, id: BodyId) -> [f64; 4] {
+        let quaternions = self.numbers(self.get().body_iquat, 4 * self.get().nbody);
+        std::array::from_fn(|i| quaternions[4 * id.0 + i])
+    }
+
     /// Returns the mass of a body with all its descendants, in kg.
     pub fn subtree_mass(&self, id: BodyId) -> f64 {
         self.numbers(self.get().body_subtreemass, self.get().nbody)[id.0]
