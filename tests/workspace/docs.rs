@@ -146,6 +146,7 @@ fn every_column_and_every_file_of_a_run_is_documented() {
         let name = path.file_name().unwrap().to_str().unwrap();
         let general = match name {
             _ if name.ends_with(".xml") => "<object>.xml",
+            _ if name.starts_with("events.out.tfevents.") => "events.out.tfevents.<n>",
             _ if name.starts_with("policy-") => "policy-<m>.safetensors",
             _ => name,
         };

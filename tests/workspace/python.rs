@@ -1,11 +1,13 @@
 //! The examples for Python, on a run of this workspace.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::process::Command;
+use std::sync::atomic::AtomicBool;
 
 use eigenhand_hands::Hand;
 
-use crate::support::{Run, gripper, python, python_has, registry, tiny, workspace};
+use crate::support::{DieAfter, Run, gripper, python, python_has, registry, tiny, workspace};
 
 /// Runs an example and returns what it printed; it must succeed.
 fn example(script: &str, arguments: &[&str], path: &Path) -> String {
@@ -49,6 +51,43 @@ fn a_difference_in_the_reference_step_is_noticed() {
     let output = Command::new(python()).arg(script).arg(&run.path).output().unwrap();
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&output.stderr).contains("the reference step differs"));
+}
+
+#[test]
+fn tensorboard_reads_every_row_of_a_resumed_run_once() {
+    if !python_has("tensorboard") {
+        return;
+    }
+    let run = Run::new(gripper());
+    let killed = catch_unwind(AssertUnwindSafe(|| {
+        run.start(&tiny(&["training.checkpoint_every=12"]), &AtomicBool::new(false), &mut DieAfter { episodes: 22 });
+    }));
+    assert!(killed.is_err());
+    assert_eq!(run.metrics().len(), 2, "one row is after the checkpoint");
+    run.resume_to_the_end();
+    let script = r#"
+import csv, sys
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+curves = EventAccumulator(sys.argv[1]).Reload()
+rows = list(csv.DictReader(open(sys.argv[1] + "/metrics.csv")))
+found = {tag: [(p.step, p.value) for p in curves.Scalars(tag)] for tag in curves.Tags()["scalars"]}
+for speed in ("env_steps_per_s", "updates_per_s"):
+    assert [step for step, _ in found.pop("training/" + speed)] == [int(row["episode"]) for row in rows]
+columns = {tag.split("/")[1]: points for tag, points in found.items()}
+filled = {column for row in rows for column in row if row[column]}
+assert filled - set(columns) == {"episode", "wall_s"} and set(columns) < filled, filled ^ set(columns)
+for column, points in columns.items():
+    expected = [(int(row["episode"]), float(row[column])) for row in rows if row[column]]
+    assert [step for step, _ in expected] == [step for step, _ in points], (column, points)
+    close = all(abs(a - b) <= 1e-6 * abs(a) for (_, a), (_, b) in zip(expected, points))
+    assert close, (column, expected, points)
+times = [point.wall_time for point in curves.Scalars("evaluation/success_rate")]
+assert times == sorted(times), times
+print(len(rows), "rows")
+"#;
+    let output = Command::new(python()).args(["-c", script]).arg(&run.path).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "3 rows", "{errors}");
 }
 
 #[test]

@@ -251,6 +251,12 @@ impl Run {
         files
     }
 
+    /// Returns the bytes of the event files, of which a run has one.
+    pub fn event_files(&self) -> Vec<Vec<u8>> {
+        let is_event = |path: &PathBuf| path.display().to_string().contains("tfevents");
+        self.snapshot().into_iter().filter(|(path, _)| is_event(path)).map(|(_, bytes)| bytes).collect()
+    }
+
     /// Returns the rows of metrics.csv as columns with values.
     pub fn metrics(&self) -> Vec<BTreeMap<String, String>> {
         let text = String::from_utf8(self.bytes("metrics.csv")).unwrap();

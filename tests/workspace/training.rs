@@ -54,6 +54,8 @@ fn assert_same(a: (&Run, Summary), b: (&Run, Summary)) {
     }
     assert_eq!(postures(a), postures(b));
     assert_eq!(metrics_without(a, &["wall_s"]), metrics_without(b, &["wall_s"]));
+    let lengths = |run: &Run| run.event_files().iter().map(Vec::len).collect::<Vec<_>>();
+    assert_eq!((lengths(a).len(), lengths(a)), (1, lengths(b)), "event files");
     (summary_a.wall_s, summary_b.wall_s) = (0.0, 0.0);
     assert_eq!(summary_a, summary_b);
 }
@@ -219,6 +221,13 @@ fn runaway(growth: f64) -> Hand {
          biastype=\"affine\" gainprm=\"1e-3\" biasprm=\"0 0 {growth}\"/>"
     );
     gripper_with(wheel, &motor)
+}
+
+#[test]
+fn event_files_can_be_left_out() {
+    let run = Run::new(gripper());
+    run.train(&tiny(&["episodes=2", "tensorboard=false"]));
+    assert_eq!(run.event_files().len(), 0);
 }
 
 #[test]

@@ -75,6 +75,9 @@ pub struct Args {
     /// Threads that simulate; 0 means one for each core. The result does not depend on it
     #[arg(long, value_name = "N")]
     workers: Option<usize>,
+    /// Event files for TensorBoard in the run directory, or none [default: true]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    tensorboard: Option<bool>,
     /// Further directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
@@ -155,6 +158,7 @@ fn prepare(args: &Args) -> Result<Launch, TrainError> {
             run: run.clone(),
             episodes: args.episodes,
             workers: args.workers,
+            tensorboard: args.tensorboard,
             plugins: args.plugins.clone(),
         }),
         None => Launch::start(&NewRun {
@@ -167,6 +171,7 @@ fn prepare(args: &Args) -> Result<Launch, TrainError> {
             episodes: args.episodes,
             objects: args.objects.clone(),
             workers: args.workers,
+            tensorboard: args.tensorboard,
             out: args.out.clone(),
             plugins: args.plugins.clone(),
         }),

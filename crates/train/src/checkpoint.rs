@@ -69,6 +69,9 @@ pub struct UpdateSums {
     pub q: f64,
     /// Mean targets.
     pub target: f64,
+    /// Shares of the targets that were clipped.
+    #[serde(default)]
+    pub clipped: f64,
 }
 
 impl UpdateSums {
@@ -79,6 +82,7 @@ impl UpdateSums {
         self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
         self.q += f64::from(stats.q_mean);
         self.target += f64::from(stats.target_mean);
+        self.clipped += f64::from(stats.clipped_share);
     }
 }
 

@@ -70,6 +70,8 @@ pub struct RunConfig {
     pub objects: Vec<String>,
     /// Threads that simulate; 0 means one for each core. The result does not depend on it.
     pub workers: usize,
+    /// Whether the run directory gets event files for TensorBoard.
+    pub tensorboard: bool,
     /// The training loop.
     pub training: TrainingConfig,
     /// Evaluations.

@@ -41,6 +41,8 @@ pub struct NewRun {
     pub objects: Option<Vec<String>>,
     /// Threads that simulate.
     pub workers: Option<usize>,
+    /// Whether event files for TensorBoard are written.
+    pub tensorboard: Option<bool>,
     /// The run directory; absent: a new one under `runs/`.
     pub out: Option<PathBuf>,
     /// Further directories of plugins.
@@ -56,6 +58,8 @@ pub struct ResumedRun {
     pub episodes: Option<u64>,
     /// Threads that simulate; absent: as before.
     pub workers: Option<usize>,
+    /// Whether event files for TensorBoard are written; absent: as before.
+    pub tensorboard: Option<bool>,
     /// Further directories of plugins.
     pub plugins: Vec<PathBuf>,
 }
@@ -139,6 +143,9 @@ impl Launch {
         if let Some(episodes) = request.episodes {
             stored.episodes = episodes;
         }
+        if let Some(tensorboard) = request.tensorboard {
+            stored.tensorboard = tensorboard;
+        }
         stored.validate()?;
         let mut config = stored.clone();
         if let Some(workers) = request.workers {
@@ -157,7 +164,7 @@ impl Launch {
                 reason: format!("the run has trained {} episodes already; ask for more", plan.episodes_done),
             });
         }
-        if request.episodes.is_some() {
+        if request.episodes.is_some() || request.tensorboard.is_some() {
             write_atomically(&request.run.join(CONFIG), stored.to_toml()?.as_bytes())?;
         }
         Ok(Launch { plan, trainer, _log: log })
@@ -255,6 +262,7 @@ fn resolve(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainErro
         ("seed", request.seed.map(whole)),
         ("episodes", request.episodes.map(whole)),
         ("workers", request.workers.map(|n| whole(n as u64))),
+        ("tensorboard", request.tensorboard.map(Value::Boolean)),
         ("objects", request.objects.clone().map(|names| Value::Array(names.into_iter().map(Value::String).collect()))),
     ];
     for (key, value) in options {

@@ -19,6 +19,7 @@ mod reward;
 mod rollout;
 mod run_dir;
 mod summary;
+mod tensorboard;
 mod trainer;
 
 pub use assess::{Assessment, ObjectScore, assess, wilson_interval};

@@ -13,11 +13,16 @@ pub const METRICS: &str = "metrics.csv";
 /// One row, as columns with values; the columns are the same in every row of a run.
 pub type Row = Vec<(String, f64)>;
 
+/// (row, name of a column) => the value there; 0 where the row has no such column.
+pub fn value(row: &Row, column: &str) -> f64 {
+    row.iter().find(|(name, _)| name == column).map_or(0.0, |(_, value)| *value)
+}
+
 /// The open file.
 pub struct MetricsFile {
     path: PathBuf,
     writer: csv::Writer<File>,
-    started: bool,
+    columns: Vec<String>,
 }
 
 impl MetricsFile {
@@ -27,32 +32,49 @@ impl MetricsFile {
     /// [`TrainError::Io`], or [`TrainError::Damaged`] when a row cannot be read.
     pub fn open(directory: &Path, episode: u64) -> Result<MetricsFile, TrainError> {
         let path = directory.join(METRICS);
-        let started = path.exists();
-        if started {
-            truncate(&path, episode)?;
-        }
+        let columns = if path.exists() { truncate(&path, episode)? } else { Vec::new() };
         let file = OpenOptions::new().create(true).append(true).open(&path).map_err(io_error("open", &path))?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
-        Ok(MetricsFile { path, writer, started })
+        Ok(MetricsFile { path, writer, columns })
+    }
+
+    /// Reads every row; a field that is empty is not a number.
+    ///
+    /// # Errors
+    /// [`TrainError::Damaged`] when a row cannot be read.
+    pub fn rows(&self) -> Result<Vec<Row>, TrainError> {
+        let mut reader = csv::Reader::from_path(&self.path).map_err(|e| csv_error(&self.path, e))?;
+        let row = |record: csv::StringRecord| -> Row {
+            let values = record.iter().map(|field| field.parse().unwrap_or(f64::NAN));
+            self.columns.iter().cloned().zip(values).collect()
+        };
+        reader.records().map(|record| record.map(row).map_err(|e| csv_error(&self.path, e))).collect()
     }
 
     /// Appends a row, after the header if it is the first.
     ///
+    /// The header that a file has stays: a column that it lacks is left out of the row, and one that the row lacks is
+    /// left empty.
+    ///
     /// # Errors
     /// [`TrainError::Io`].
     pub fn append(&mut self, row: &Row) -> Result<(), TrainError> {
-        if !self.started {
-            let header = row.iter().map(|(name, _)| name.as_str());
-            self.writer.write_record(header).map_err(|e| csv_error(&self.path, e))?;
-            self.started = true;
+        if self.columns.is_empty() {
+            self.columns = row.iter().map(|(name, _)| name.clone()).collect();
+            self.writer.write_record(&self.columns).map_err(|e| csv_error(&self.path, e))?;
         }
-        let values = row.iter().map(|(_, value)| if value.is_finite() { value.to_string() } else { String::new() });
-        self.writer.write_record(values).map_err(|e| csv_error(&self.path, e))?;
+        let field = |column: &String| {
+            let found = row.iter().find(|(name, value)| name == column && value.is_finite());
+            found.map_or_else(String::new, |(_, value)| value.to_string())
+        };
+        self.writer.write_record(self.columns.iter().map(field)).map_err(|e| csv_error(&self.path, e))?;
         self.writer.flush().map_err(io_error("write", &self.path))
     }
 }
 
-fn truncate(path: &Path, episode: u64) -> Result<(), TrainError> {
+/// Drops the rows of episodes after `episode`, and returns the header.
+fn truncate(path: &Path, episode: u64) -> Result<Vec<String>, TrainError> {
+    let mut columns = Vec::new();
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_path(path).map_err(|e| csv_error(path, e))?;
     let mut kept = csv::WriterBuilder::new().has_headers(false).from_writer(Vec::new());
     for (number, record) in reader.records().enumerate() {
@@ -61,11 +83,15 @@ fn truncate(path: &Path, episode: u64) -> Result<(), TrainError> {
         if number > 0 && row_episode.is_none_or(|e| e > episode as f64) {
             break;
         }
+        if number == 0 {
+            columns = record.iter().map(str::to_owned).collect();
+        }
         kept.write_record(&record).map_err(|e| csv_error(path, e))?;
     }
     let bytes =
         kept.into_inner().map_err(|error| TrainError::Format { path: path.to_owned(), reason: error.to_string() })?;
-    write_atomically(path, &bytes)
+    write_atomically(path, &bytes)?;
+    Ok(columns)
 }
 
 fn csv_error(path: &Path, error: csv::Error) -> TrainError {
@@ -93,5 +119,20 @@ mod tests {
         file.append(&row(300.0, 7.5)).expect("writable");
         let text = std::fs::read_to_string(directory.path().join(METRICS)).expect("readable");
         assert_eq!(text, "episode,x\n100,\n200,\n300,7.5\n");
+    }
+
+    #[test]
+    fn a_file_keeps_its_columns_and_gives_back_its_rows() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join(METRICS);
+        std::fs::write(&path, "episode,old,x\n100,1,2.5\n").expect("writable");
+        let mut file = MetricsFile::open(directory.path(), 100).expect("existing");
+        let row = [("episode", 200.0), ("x", 7.5), ("new", 1.0)].map(|(name, value)| (name.to_owned(), value));
+        file.append(&row.to_vec()).expect("writable");
+        assert_eq!(std::fs::read_to_string(&path).expect("readable"), "episode,old,x\n100,1,2.5\n200,,7.5\n");
+        let rows = file.rows().expect("readable");
+        assert_eq!((value(&rows[0], "old"), value(&rows[1], "x")), (1.0, 7.5));
+        assert!(value(&rows[1], "old").is_nan());
+        assert_eq!(value(&rows[1], "new"), 0.0);
     }
 }

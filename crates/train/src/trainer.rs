@@ -24,6 +24,7 @@ use crate::reward::GraspReward;
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
 use crate::run_dir::RunDirectory;
 use crate::summary::{StoppedBy, Summary};
+use crate::tensorboard::EventFile;
 use crate::{Provenance, TrainError, export};
 
 /// Name of the posture database in a run directory.
@@ -80,6 +81,7 @@ pub struct Trainer {
     database: PostureDatabase,
     checkpoints: Checkpoints,
     metrics: MetricsFile,
+    events: Option<EventFile>,
     counters: Counters,
     finalists: Vec<Finalist>,
     started: Instant,
@@ -177,6 +179,12 @@ impl Trainer {
                 .collect();
         }
         exploration.validate(shape.act_dim)?;
+        let metrics = MetricsFile::open(run.path(), counters.episodes)?;
+        let events = if config.tensorboard {
+            Some(EventFile::create(run.path(), provenance.started_unix_s, &metrics.rows()?)?)
+        } else {
+            None
+        };
         Ok(Trainer {
             pool: WorkerPool::new(&task, config.worker_count())?,
             replay: Replay::new(config.training.replay_episodes, shape)?,
@@ -188,7 +196,8 @@ impl Trainer {
             },
             covariance: RunningCovariance::new(joints.len()),
             database: PostureDatabase::open(run.file(DATABASE), &joints)?,
-            metrics: MetricsFile::open(run.path(), counters.episodes)?,
+            metrics,
+            events,
             exploration: Arc::new(exploration),
             joints,
             counters,
@@ -384,6 +393,9 @@ impl Trainer {
         self.finalists.truncate(self.config.evaluation.finalists);
         let row = self.metrics_row(&evaluation)?;
         self.metrics.append(&row)?;
+        if let Some(events) = &mut self.events {
+            events.append(&row)?;
+        }
         let per_object: Vec<String> = evaluation
             .success_rate_per_object
             .iter()
@@ -432,6 +444,7 @@ impl Trainer {
         put("actor_loss", mean(sums.actor_loss));
         put("q_mean", mean(sums.q));
         put("target_mean", mean(sums.target));
+        put("clipped_share", mean(sums.clipped));
         put("diverged", c.diverged as f64);
         put("buffer_warnings", c.buffer_warnings as f64);
         Ok(row)

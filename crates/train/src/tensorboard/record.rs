@@ -1,0 +1,101 @@
+//! The bytes of an event file: protocol buffers in the record format of TensorFlow.
+//!
+//! # Source
+//! `tensorflow/core/util/event.proto`, `summary.proto`, and `record_writer.h` for the frame around each message.
+
+use crc::{CRC_32_ISCSI, Crc};
+use prost::Message;
+
+/// The cyclic redundancy check that the frames use, CRC-32C.
+const CRC32C: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
+/// What is added to a checksum after it was rotated, so that a check over data with checksums in it is of use.
+const MASK: u32 = 0xa282_ead8;
+const MASK_ROTATION: u32 = 15;
+
+/// `tensorflow.Event`, without the fields that scalars have no use for.
+#[derive(Clone, PartialEq, Message)]
+pub struct Event {
+    /// Seconds since 1970-01-01 UTC.
+    #[prost(double, tag = "1")]
+    pub wall_time: f64,
+    /// What the horizontal axis counts.
+    #[prost(int64, tag = "2")]
+    pub step: i64,
+    /// In the first event of a file alone: the version of the format.
+    #[prost(string, optional, tag = "3")]
+    pub file_version: Option<String>,
+    /// Values of this step.
+    #[prost(message, optional, tag = "5")]
+    pub summary: Option<Summary>,
+}
+
+/// `tensorflow.Summary`.
+#[derive(Clone, PartialEq, Message)]
+pub struct Summary {
+    /// The values.
+    #[prost(message, repeated, tag = "1")]
+    pub value: Vec<Value>,
+}
+
+/// `tensorflow.Summary.Value` of a scalar.
+#[derive(Clone, PartialEq, Message)]
+pub struct Value {
+    /// Name of the curve; what stands before a `/` groups curves.
+    #[prost(string, tag = "1")]
+    pub tag: String,
+    /// The value.
+    #[prost(float, optional, tag = "2")]
+    pub simple_value: Option<f32>,
+}
+
+/// Appends an event in its frame: length, checksum of the length, message, checksum of the message.
+pub fn write_event(out: &mut Vec<u8>, event: &Event) {
+    let message = event.encode_to_vec();
+    let length = (message.len() as u64).to_le_bytes();
+    out.extend(length);
+    out.extend(masked_crc(&length).to_le_bytes());
+    out.extend(&message);
+    out.extend(masked_crc(&message).to_le_bytes());
+}
+
+fn masked_crc(bytes: &[u8]) -> u32 {
+    CRC32C.checksum(bytes).rotate_right(MASK_ROTATION).wrapping_add(MASK)
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::*;
+
+    /// Reads every event of a file; checksums and messages have to be sound up to its last byte.
+    pub fn read_events(mut bytes: &[u8]) -> Vec<Event> {
+        let mut events = Vec::new();
+        while !bytes.is_empty() {
+            let (length, rest) = bytes.split_first_chunk::<8>().expect("a length");
+            let (crc, rest) = rest.split_first_chunk::<4>().expect("a checksum");
+            assert_eq!(u32::from_le_bytes(*crc), masked_crc(length));
+            let (message, rest) = rest.split_at(u64::from_le_bytes(*length) as usize);
+            let (crc, rest) = rest.split_first_chunk::<4>().expect("a checksum");
+            assert_eq!(u32::from_le_bytes(*crc), masked_crc(message));
+            events.push(Event::decode(message).expect("a message"));
+            bytes = rest;
+        }
+        events
+    }
+
+    #[test]
+    fn events_have_the_bytes_that_the_python_package_writes() {
+        let version = Event { wall_time: 1.5e9, file_version: Some("brain.Event:2".to_owned()), ..Event::default() };
+        let value = Value { tag: "a/b".to_owned(), simple_value: Some(0.25) };
+        let scalar =
+            Event { wall_time: 1.5e9, step: 200, summary: Some(Summary { value: vec![value] }), ..Event::default() };
+        let mut bytes = Vec::new();
+        write_event(&mut bytes, &version);
+        write_event(&mut bytes, &scalar);
+        // Of tensorboard 2.21.0: RecordWriter.write(Event(...).SerializeToString()).
+        let expected = "1800000000000000a37f4b2209000000c00b5ad6411a0d627261696e2e4576656e743a324ca9a464\
+                        1a00000000000000129bd82d09000000c00b5ad64110c8012a0c0a0a0a03612f62150000803ed235d391";
+        let written: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        assert_eq!(written, expected);
+        assert_eq!(read_events(&bytes), [version, scalar]);
+    }
+}
