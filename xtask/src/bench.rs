@@ -1,16 +1,20 @@
 //! `cargo xtask bench`
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
 use std::time::Duration;
 
+use anyhow::{Context, bail};
 use clap::ValueEnum;
 use eigenhand_train::bench::{
-    self, BenchSetting, LearnerSpeed, SimSpeed, TrainingSpeed, find_peers, learner_speed, sim_speed, training_speed,
+    self, AllocationCounts, BenchSetting, LearnerSpeed, Peer, PeerKind, PeerSpeed, SimSpeed, TrainingMemory,
+    TrainingSpeed, find_peers, learner_speed, sim_speed, training_memory, training_speed,
 };
 use eigenhand_train::config::worker_count;
 use serde::Serialize;
 
-use crate::output::{Outcome, print, print_json, table};
+use crate::checks::cargo;
+use crate::output::{Outcome, counted, print, print_json, table};
 use crate::setup;
 
 /// Sizes of minibatch that are measured.
@@ -53,6 +57,8 @@ enum What {
     Learner,
     /// Rollouts and updates together
     Training,
+    /// Allocations in the loops of all three
+    Allocations,
 }
 
 #[derive(Serialize)]
@@ -63,7 +69,11 @@ struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     learner: Option<Vec<LearnerSpeed>>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    training: Option<Vec<TrainingSpeed>>,
+    training: Option<TrainingSpeed>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    memory: Option<TrainingMemory>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    allocations: Option<AllocationCounts>,
 }
 
 /// Runs the command.
@@ -78,7 +88,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let wanted = |what: What| args.what.is_none_or(|only| only == what);
     let cores = worker_count(0);
     let threads: Vec<usize> = if cores > 1 { vec![1, 2] } else { vec![1] };
-    let mut report = Report { cores, sim: None, learner: None, training: None };
+    let mut report = Report { cores, sim: None, learner: None, training: None, memory: None, allocations: None };
+    if wanted(What::Training) {
+        eprintln!("memory ...");
+        let found = training_memory(&setting)?;
+        say(args.json, || describe_memory(&found))?;
+        report.memory = Some(found);
+    }
     if wanted(What::Sim) {
         eprintln!("simulation ...");
         let found = sim_speed(&setting, &threads)?;
@@ -86,23 +102,24 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         report.sim = Some(found);
     }
     if wanted(What::Learner) {
-        let peers = find_peers();
-        let names: Vec<&str> = peers.iter().map(|peer| peer.name.as_str()).collect();
-        match names.as_slice() {
-            [] => {
-                eprintln!("learner ... (no peers: {} is not set and bench/peers has no .venv)", bench::PYTHON_VARIABLE)
-            }
-            names => eprintln!("learner ... (in turn with {})", names.join(", ")),
-        }
+        let peers = find_peers(PeerKind::Update);
+        announce("learner", &peers);
         let found = learner_speed(&setting, &BATCHES, &peers)?;
         say(args.json, || describe_learner(&found))?;
         report.learner = Some(found);
     }
     if wanted(What::Training) {
-        eprintln!("training ...");
-        let found = training_speed(&setting, &threads)?;
+        let peers = find_peers(PeerKind::Training);
+        announce("training", &peers);
+        let found = training_speed(&setting, &threads, &peers)?;
         say(args.json, || describe_training(&found))?;
         report.training = Some(found);
+    }
+    if wanted(What::Allocations) {
+        eprintln!("allocations ...");
+        let found = count_allocations(args)?;
+        say(args.json, || describe_allocations(&found))?;
+        report.allocations = Some(found);
     }
     if args.json {
         print_json(&report)?;
@@ -110,19 +127,29 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+fn announce(what: &str, peers: &[Peer]) {
+    let names: Vec<&str> = peers.iter().map(|peer| peer.name.as_str()).collect();
+    match names.as_slice() {
+        [] => eprintln!("{what} ... (no peers: {} is not set and bench/peers has no .venv)", bench::PYTHON_VARIABLE),
+        names => eprintln!("{what} ... (in turn with {})", names.join(", ")),
+    }
+}
+
 fn say(json: bool, text: impl FnOnce() -> String) -> anyhow::Result<()> {
     if json { Ok(()) } else { print(&text()) }
 }
 
 fn describe_sim(found: &[SimSpeed]) -> String {
-    let heads = ["simulation", "env steps/s", "mj_step/s", "env over mj_step", "reset"];
+    let heads = ["simulation", "env steps/s", "mj_step/s", "env over mj_step", "scaling", "mj_step's", "reset"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     for speed in found {
         rows.push(vec![
-            format!("{}, {} thread{}", speed.hand, speed.threads, if speed.threads == 1 { "" } else { "s" }),
+            format!("{}, {}", speed.hand, counted(speed.threads as u64, "thread")),
             format!("{:.0}", speed.env_steps_per_s),
             format!("{:.0}", speed.mj_steps_per_s),
             format!("{:.3}", speed.ratio),
+            format!("{:.2}", speed.scaling),
+            format!("{:.2}", speed.raw_scaling),
             format!("{:.1} ms", speed.reset_ms),
         ]);
     }
@@ -147,29 +174,71 @@ fn describe_learner(found: &[LearnerSpeed]) -> String {
             format!("{:.1}", speed.sgemm_gflops),
             format!("{:.2}", speed.share_of_sgemm),
         ]);
-        for peer in &speed.peers {
-            text.push_str(&format!(
-                "batch {}: {:.1} updates/s in turn with {} at {:.1}: {:.2} times as fast\n",
-                speed.batch, peer.ours_per_s, peer.name, peer.updates_per_s, peer.ratio
-            ));
-        }
-        for reason in &speed.peers_failed {
-            text.push_str(&format!("batch {}: not compared: {reason}\n", speed.batch));
-        }
+        text.push_str(&describe_peers(&format!("batch {}", speed.batch), &speed.peers, &speed.peers_failed));
     }
     format!("{}{text}\n", table(&rows))
 }
 
-fn describe_training(found: &[TrainingSpeed]) -> String {
-    let heads = ["training", "env steps/s", "updates/s", "peak memory"];
+/// Runs the program whose allocator counts.
+fn count_allocations(args: &Args) -> anyhow::Result<AllocationCounts> {
+    let mut command = cargo(&["bench", "--quiet", "--package", "eigenhand-train", "--bench", "allocations", "--"]);
+    // Cargo runs it in the directory of its package.
+    let complete = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    if let Some(hand) = &args.hand {
+        let named = !hand.contains(std::path::MAIN_SEPARATOR);
+        command.arg("--hand").arg(if named { PathBuf::from(hand) } else { complete(Path::new(hand)) });
+    }
+    args.plugins.iter().for_each(|directory| _ = command.arg("--plugins").arg(complete(directory)));
+    let output = command.stderr(Stdio::inherit()).output().context("cannot run cargo")?;
+    let text = String::from_utf8_lossy(&output.stdout);
+    match text.lines().rev().find(|line| !line.trim().is_empty()) {
+        Some(line) if output.status.success() => {
+            serde_json::from_str(line).with_context(|| format!("the allocations are {line:?}"))
+        }
+        _ => bail!("the allocations could not be counted ({}): see above", output.status),
+    }
+}
+
+fn describe_allocations(found: &AllocationCounts) -> String {
+    let AllocationCounts { per_update, per_sampling, per_env_step, per_episode } = found;
+    let counts = [
+        ("update", per_update),
+        ("minibatch drawn", per_sampling),
+        ("environment step", per_env_step),
+        ("episode", per_episode),
+    ];
+    let mut rows = vec![vec!["allocations for each".to_owned(), "count".to_owned()]];
+    rows.extend(counts.map(|(what, count)| vec![what.to_owned(), format!("{count:.1}")]));
+    format!("{}\n", table(&rows))
+}
+
+fn describe_peers(what: &str, peers: &[PeerSpeed], failed: &[String]) -> String {
+    let compared = peers.iter().map(|peer| {
+        let (ours, theirs, ratio) = (peer.ours_per_s, peer.updates_per_s, peer.ratio);
+        format!("{what}: {ours:.1} updates/s in turn with {} at {theirs:.1}: {ratio:.2} times as fast\n", peer.name)
+    });
+    compared.chain(failed.iter().map(|reason| format!("{what}: not compared: {reason}\n"))).collect()
+}
+
+fn describe_memory(found: &TrainingMemory) -> String {
+    match found.peak_mb {
+        Some(mb) => format!("peak memory with a replay of {} episodes: {mb:.0} MB\n\n", found.replay_episodes),
+        None => "peak memory: this system does not tell\n\n".to_owned(),
+    }
+}
+
+fn describe_training(found: &TrainingSpeed) -> String {
+    let heads = ["training", "env steps/s", "updates/s", "scaling", "first rollout"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
-    for speed in found {
+    for speed in &found.workers {
         rows.push(vec![
-            format!("{}, {} worker{}", speed.hand, speed.workers, if speed.workers == 1 { "" } else { "s" }),
+            format!("{}, {}", found.hand, counted(speed.workers as u64, "worker")),
             format!("{:.0}", speed.env_steps_per_s),
             format!("{:.1}", speed.updates_per_s),
-            speed.peak_memory_mb.map_or_else(|| "-".to_owned(), |mb| format!("{mb:.0} MB")),
+            format!("{:.2}", speed.scaling),
+            format!("{:.2} s", speed.first_rollout_s),
         ]);
     }
-    table(&rows)
+    let what = found.workers.last().map(|speed| counted(speed.workers as u64, "worker")).unwrap_or_default();
+    format!("{}{}\n", table(&rows), describe_peers(&what, &found.peers, &found.peers_failed))
 }

@@ -559,6 +559,16 @@ impl Trainer {
         self.run.path()
     }
 
+    /// Returns the task.
+    pub fn task(&self) -> &GraspTask {
+        &self.task
+    }
+
+    /// Returns the replay, which measurements fill.
+    pub(crate) fn replay_mut(&mut self) -> &mut Replay {
+        &mut self.replay
+    }
+
     /// Returns the number of training episodes so far.
     pub fn episodes(&self) -> u64 {
         self.counters.episodes

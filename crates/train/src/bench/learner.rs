@@ -9,7 +9,7 @@ use eigenhand_rl::{
 use rand::RngExt;
 use serde::Serialize;
 
-use super::peers::{Peer, PeerSpeed};
+use super::peers::{Peer, PeerSpeed, Turns};
 use super::{BenchSetting, median};
 use crate::TrainError;
 use crate::rollout::episode_shape;
@@ -63,16 +63,16 @@ impl RewardFn for Near {
 }
 
 /// Everything that an update needs.
-struct Bench {
-    learner: Ddpg,
-    replay: Replay,
+pub(super) struct Bench {
+    pub learner: Ddpg,
+    pub replay: Replay,
     batch: Batch,
     her: HerConfig,
     random: rand_chacha::ChaCha8Rng,
 }
 
 impl Bench {
-    fn new(config: DdpgConfig, shape: EpisodeShape) -> Result<Bench, TrainError> {
+    pub fn new(config: DdpgConfig, shape: EpisodeShape) -> Result<Bench, TrainError> {
         let mut random = rng::stream(0, "bench", 0);
         let mut replay = Replay::new(N_EPISODES, shape)?;
         for _ in 0..N_EPISODES {
@@ -195,20 +195,15 @@ fn measure(
 /// Runs this implementation and another in turn.
 fn compare(peer: &Peer, bench: &mut Bench, shape: EpisodeShape, duration: Duration) -> Result<PeerSpeed, TrainError> {
     let each = duration.div_f64(PEER_ROUNDS as f64);
-    let (mut ours, mut theirs, mut ratios) = (vec![], vec![], vec![]);
+    let (batch, seconds) = (bench.batch.len, each.as_secs_f64().ceil() as u64);
+    let sizes = [("batch", batch), ("obs", shape.obs_dim), ("goal", shape.goal_dim), ("act", shape.act_dim)];
+    let mut options = vec![("seconds", seconds.to_string())];
+    options.extend(sizes.map(|(name, size)| (name, size.to_string())));
+    let mut turns = Turns::default();
     for _ in 0..PEER_ROUNDS {
-        let our_rate = bench.rate(each)?;
-        let their_rate = peer.updates_per_s(each, bench.batch.len, shape)?;
-        ours.push(our_rate);
-        theirs.push(their_rate);
-        ratios.push(our_rate / their_rate);
+        turns.push(bench.rate(each)?, peer.updates_per_s(&options)?);
     }
-    Ok(PeerSpeed {
-        name: peer.name.clone(),
-        updates_per_s: median(&mut theirs),
-        ours_per_s: median(&mut ours),
-        ratio: median(&mut ratios),
-    })
+    Ok(turns.compare(&peer.name))
 }
 
 fn timed(work: impl FnOnce() -> Result<(), TrainError>) -> Result<f64, TrainError> {

@@ -3,6 +3,7 @@
 //! What is compared runs in turn, in short pieces of one process, and a ratio is the median over the pieces: on a
 //! machine with other work, ratios can be trusted and rates cannot.
 
+mod allocations;
 mod learner;
 mod peers;
 mod sim;
@@ -18,10 +19,11 @@ use crate::TrainError;
 use crate::catalogue::hand_named;
 use crate::config::{Layers, Preset, RunConfig};
 
+pub use allocations::{AllocationCounts, Counter, Work, allocations};
 pub use learner::{LearnerSpeed, learner_speed};
-pub use peers::{PYTHON_VARIABLE, Peer, PeerSpeed, find_peers};
+pub use peers::{PYTHON_VARIABLE, Peer, PeerKind, PeerSpeed, find_peers};
 pub use sim::{SimSpeed, sim_speed};
-pub use training::{TrainingSpeed, training_speed};
+pub use training::{TrainingMemory, TrainingSpeed, WorkersSpeed, training_memory, training_speed};
 
 /// What is measured, and for how long.
 #[derive(Clone, Debug)]

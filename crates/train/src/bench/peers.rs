@@ -1,12 +1,11 @@
-//! Other implementations of the same update, which run in Python and are not part of this workspace.
+//! Other implementations of the same work, which run in Python and are not part of this workspace.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::time::Duration;
 
-use eigenhand_rl::EpisodeShape;
 use serde::{Deserialize, Serialize};
 
+use super::median;
 use crate::TrainError;
 
 /// Environment variable that names the Python which has the peers' packages.
@@ -15,16 +14,34 @@ pub const PYTHON_VARIABLE: &str = "EIGENHAND_PEERS_PYTHON";
 const FOLDER: &str = "bench/peers";
 /// Python there, where a virtual environment was made.
 const PYTHON: &str = ".venv/bin/python";
-/// How the name of a script that measures updates ends.
-const SUFFIX: &str = "_update.py";
 /// Variables that keep numeric libraries on one thread.
 const ONE_THREAD: [&str; 4] = ["OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"];
+
+/// What a script measures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PeerKind {
+    /// Updates on one thread.
+    Update,
+    /// Rollouts and updates together, on every core.
+    Training,
+}
+
+impl PeerKind {
+    /// How the name of such a script ends.
+    fn suffix(self) -> &'static str {
+        match self {
+            PeerKind::Update => "_update.py",
+            PeerKind::Training => "_training.py",
+        }
+    }
+}
 
 /// A script that measures another implementation.
 #[derive(Clone, Debug)]
 pub struct Peer {
     /// Name of the implementation.
     pub name: String,
+    kind: PeerKind,
     python: PathBuf,
     script: PathBuf,
 }
@@ -34,7 +51,7 @@ pub struct Peer {
 pub struct PeerSpeed {
     /// Name of the implementation.
     pub name: String,
-    /// Its updates a second, minibatches drawn included.
+    /// Its updates a second, minibatches drawn included, and rollouts where they are part of the work.
     pub updates_per_s: f64,
     /// Ours, in the same run.
     pub ours_per_s: f64,
@@ -47,8 +64,34 @@ struct PeerRecord {
     updates_per_s: f64,
 }
 
+/// Rates of this implementation and another, in turn.
+#[derive(Default)]
+pub(super) struct Turns {
+    ours: Vec<f64>,
+    theirs: Vec<f64>,
+}
+
+impl Turns {
+    /// Adds a turn of each.
+    pub fn push(&mut self, ours: f64, theirs: f64) {
+        self.ours.push(ours);
+        self.theirs.push(theirs);
+    }
+
+    /// Returns the medians.
+    pub fn compare(mut self, name: &str) -> PeerSpeed {
+        let mut ratios: Vec<f64> = self.ours.iter().zip(&self.theirs).map(|(ours, theirs)| ours / theirs).collect();
+        PeerSpeed {
+            name: name.to_owned(),
+            updates_per_s: median(&mut self.theirs),
+            ours_per_s: median(&mut self.ours),
+            ratio: median(&mut ratios),
+        }
+    }
+}
+
 /// Finds the peers of the workspace, and a Python that can run them; none where either is missing.
-pub fn find_peers() -> Vec<Peer> {
+pub fn find_peers(kind: PeerKind) -> Vec<Peer> {
     let Ok(current) = std::env::current_dir() else { return Vec::new() };
     let Some(folder) = current.ancestors().map(|d| d.join(FOLDER)).find(|folder| folder.is_dir()) else {
         return Vec::new();
@@ -61,8 +104,8 @@ pub fn find_peers() -> Vec<Peer> {
     }
     let scripts = folder.read_dir().into_iter().flatten().flatten().filter_map(|entry| {
         let script = entry.path();
-        let name = script.file_name()?.to_str()?.strip_suffix(SUFFIX)?.to_owned();
-        Some(Peer { name, python: python.clone(), script })
+        let name = script.file_name()?.to_str()?.strip_suffix(kind.suffix())?.to_owned();
+        Some(Peer { name, kind, python: python.clone(), script })
     });
     let mut peers: Vec<Peer> = scripts.collect();
     peers.sort_by(|a, b| a.name.cmp(&b.name));
@@ -75,24 +118,20 @@ fn runs(python: &Path) -> bool {
 }
 
 impl Peer {
-    /// Runs the script.
+    /// Runs the script with options and their values, and returns its updates a second.
     ///
     /// # Errors
     /// [`TrainError::Bench`] with what it said.
-    pub(super) fn updates_per_s(
-        &self,
-        duration: Duration,
-        batch: usize,
-        shape: EpisodeShape,
-    ) -> Result<f64, TrainError> {
+    pub(super) fn updates_per_s(&self, options: &[(&str, String)]) -> Result<f64, TrainError> {
         let failed = |reason: String| TrainError::Bench { what: self.script.display().to_string(), reason };
         let mut command = Command::new(&self.python);
-        command.arg(&self.script).args(["--seconds", &duration.as_secs_f64().ceil().to_string()]);
-        let sizes = [("batch", batch), ("obs", shape.obs_dim), ("goal", shape.goal_dim), ("act", shape.act_dim)];
-        for (name, size) in sizes {
-            command.arg(format!("--{name}")).arg(size.to_string());
+        command.arg(&self.script);
+        for (name, value) in options {
+            command.arg(format!("--{name}")).args(value.split(' '));
         }
-        ONE_THREAD.iter().for_each(|name| _ = command.env(name, "1"));
+        if self.kind == PeerKind::Update {
+            ONE_THREAD.iter().for_each(|name| _ = command.env(name, "1"));
+        }
         let output = command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
         if !output.status.success() {
             let text = String::from_utf8_lossy(&output.stderr);

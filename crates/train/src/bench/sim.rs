@@ -18,6 +18,8 @@ use crate::trainer::task_of;
 const CHUNK: usize = 10;
 /// Control steps for which a random command is held.
 const HOLD: usize = 8;
+/// Turns of each number of threads.
+const ROUNDS: u32 = 5;
 
 /// Speed of the environment against bare calls of `mj_step` with the same commands from the same state.
 #[derive(Clone, Debug, Serialize)]
@@ -34,6 +36,10 @@ pub struct SimSpeed {
     pub raw_steps_per_s: f64,
     /// `mj_step` calls a second without the environment, of all threads together.
     pub mj_steps_per_s: f64,
+    /// Environment steps a second over those with the first number of threads, median over the turns.
+    pub scaling: f64,
+    /// The same without the environment.
+    pub raw_scaling: f64,
     /// Time of an environment step over that of its `mj_step` calls, median over the pieces.
     pub ratio: f64,
     /// Pieces.
@@ -52,47 +58,76 @@ struct Pieces {
     raw: Duration,
     resets: Vec<f64>,
     steps: usize,
-    identical: bool,
+    differ: bool,
 }
 
-/// Measures with each number of threads.
+/// Pieces of all threads, in turns.
+#[derive(Default)]
+struct Turns {
+    env_rates: Vec<f64>,
+    raw_rates: Vec<f64>,
+    ratios: Vec<f64>,
+    resets: Vec<f64>,
+    differ: bool,
+}
+
+/// Measures with each number of threads, in turn.
 ///
 /// # Errors
 /// [`TrainError::Sim`].
 pub fn sim_speed(setting: &BenchSetting, threads: &[usize]) -> Result<Vec<SimSpeed>, TrainError> {
     let (config, hand, library) = setting.load()?;
     let task = task_of(&config, &hand, &library)?;
-    threads.iter().map(|&n| measure(&task, &hand.manifest.name, n, setting.duration)).collect()
+    let mut all: Vec<Turns> = threads.iter().map(|_| Turns::default()).collect();
+    for _ in 0..ROUNDS {
+        for (turns, &n) in all.iter_mut().zip(threads) {
+            measure(&task, n, setting.duration / ROUNDS, turns)?;
+        }
+    }
+    let substeps = task.physics.substeps;
+    let over =
+        |rates: &[f64], first: &[f64]| median(&mut rates.iter().zip(first).map(|(a, b)| a / b).collect::<Vec<_>>());
+    Ok(threads
+        .iter()
+        .zip(&all)
+        .map(|(&threads, turns)| {
+            let raw_rate = median(&mut turns.raw_rates.clone());
+            SimSpeed {
+                hand: hand.manifest.name.clone(),
+                threads,
+                substeps,
+                env_steps_per_s: median(&mut turns.env_rates.clone()),
+                raw_steps_per_s: raw_rate,
+                mj_steps_per_s: raw_rate * substeps as f64,
+                scaling: over(&turns.env_rates, &all[0].env_rates),
+                raw_scaling: over(&turns.raw_rates, &all[0].raw_rates),
+                ratio: median(&mut turns.ratios.clone()),
+                chunks: turns.ratios.len(),
+                reset_ms: 1000.0 * median(&mut turns.resets.clone()),
+                identical: !turns.differ,
+            }
+        })
+        .collect())
 }
 
-fn measure(task: &Arc<GraspTask>, hand: &str, threads: usize, duration: Duration) -> Result<SimSpeed, TrainError> {
+/// Lets each of some threads run for a time, and adds what they did.
+fn measure(task: &Arc<GraspTask>, threads: usize, duration: Duration, turns: &mut Turns) -> Result<(), TrainError> {
     let outcomes: Vec<Result<Pieces, TrainError>> = std::thread::scope(|scope| {
         let running: Vec<_> = (0..threads).map(|n| scope.spawn(move || run(task, n as u64, duration))).collect();
         running.into_iter().map(|thread| thread.join().unwrap_or(Err(TrainError::WorkerLost))).collect()
     });
-    let mut all = Pieces { identical: true, ..Pieces::default() };
     let (mut env_rate, mut raw_rate) = (0.0, 0.0);
     for pieces in outcomes {
         let pieces = pieces?;
         env_rate += pieces.steps as f64 / pieces.env.as_secs_f64();
         raw_rate += pieces.steps as f64 / pieces.raw.as_secs_f64();
-        all.ratios.extend(pieces.ratios);
-        all.resets.extend(pieces.resets);
-        all.identical &= pieces.identical;
+        turns.ratios.extend(pieces.ratios);
+        turns.resets.extend(pieces.resets);
+        turns.differ |= pieces.differ;
     }
-    let substeps = task.physics.substeps;
-    Ok(SimSpeed {
-        hand: hand.to_owned(),
-        threads,
-        substeps,
-        env_steps_per_s: env_rate,
-        raw_steps_per_s: raw_rate,
-        mj_steps_per_s: raw_rate * substeps as f64,
-        ratio: median(&mut all.ratios),
-        chunks: all.ratios.len(),
-        reset_ms: 1000.0 * median(&mut all.resets),
-        identical: all.identical,
-    })
+    turns.env_rates.push(env_rate);
+    turns.raw_rates.push(raw_rate);
+    Ok(())
 }
 
 /// Runs episodes with random held commands, each piece once in the environment and once without it.
@@ -104,7 +139,7 @@ fn run(task: &Arc<GraspTask>, stream: u64, duration: Duration) -> Result<Pieces,
     let mut actions = vec![0.0f32; n_actions * task.config.steps];
     let mut controls = vec![0.0; n_controls * task.config.steps];
     let mut observation = vec![0.0; task.observation_len()];
-    let mut pieces = Pieces { identical: true, ..Pieces::default() };
+    let mut pieces = Pieces::default();
     let started = Instant::now();
     for episode in 0.. {
         if episode > 0 && started.elapsed() >= duration {
@@ -158,7 +193,7 @@ fn run(task: &Arc<GraspTask>, stream: u64, duration: Duration) -> Result<Pieces,
             pieces.ratios.push(env_time.as_secs_f64() / raw_time.as_secs_f64());
             pieces.steps += steps.len();
         }
-        pieces.identical &= env.simulation().qpos() == bare.qpos();
+        pieces.differ |= env.simulation().qpos() != bare.qpos();
     }
     Ok(pieces)
 }
