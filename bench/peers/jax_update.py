@@ -3,7 +3,7 @@
 The networks, the batch and the sizes are those of this project's learner, as in `sb3_update.py`: three hidden layers of
 256 for actor and critic, float32, Adam. An update draws a minibatch from a replay that JAX holds, and updates critic,
 actor and both targets, all in one function that XLA has compiled and that may overwrite its input. `jax_scan_update.py`
-does many in a call. The last line printed is a JSON document.
+does many in a call. Inputs and hidden layers are not normalised. The last line printed is a JSON document.
 """
 
 import argparse

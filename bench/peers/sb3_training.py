@@ -1,11 +1,11 @@
 """Environment steps a second of Stable-Baselines3's DDPG with hindsight experience replay: simulation and learning.
 
 The scenes, the observation, the goal, the map from action to control, the substeps and the length of an episode are
-those of a run directory of this project, read as `examples/python/run_policy.py` reads them; the networks, the batch and
-the number of updates for each episode are given. Two things are less work than in this project: an episode begins with
-the object at rest instead of letting it fall, and the reward asks for the distance alone and not for contacts. One
-environment in this process, as Stable-Baselines3 has it by default; `sb3_vec_training.py` has one for each core. The
-last line printed is a JSON document.
+those of a run directory of this project, read as `examples/python/run_policy.py` reads them; the networks, the batch
+and the number of updates for each episode are given. Some things are less work than in this project: an episode begins
+with the object at rest instead of letting it fall, the reward asks for the distance alone and not for contacts, inputs
+are not normalised, and the critic has no layer normalisation. One environment in this process, as Stable-Baselines3 has
+it by default; `sb3_vec_training.py` has one for each core. The last line printed is a JSON document.
 """
 
 import argparse
@@ -32,6 +32,8 @@ BUFFER = 1_000_000
 # Episodes with updates before the clock starts.
 UNTIMED = 2
 OBJECT = ("x", "y", "z", "qw", "qx", "qy", "qz"), ("vx", "vy", "vz", "wx", "wy", "wz")
+UPPER = np.triu_indices(3)
+SHAPE = [f"shape_{'xyz'[i]}{'xyz'[j]}" for i, j in zip(*UPPER)]
 
 
 class FastScene(Scene):
@@ -39,26 +41,31 @@ class FastScene(Scene):
 
     def __init__(self, run, policy, reference):
         super().__init__(run, policy, reference)
-        n_qpos, n_qvel = self.model.nq, self.model.nv
         self.low, self.span = policy.low, policy.high - policy.low
-        self.state = np.empty(n_qpos + n_qvel + 1)
-        self.state[-1] = self.object_id
-        self.columns = np.array([self.column(source, n_qpos, n_qvel) for source in self.sources])
+        self.n_qpos, self.n_state = self.model.nq, self.model.nq + self.model.nv
+        self.state = np.empty(self.n_state + 1 + len(SHAPE))
+        self.state[self.n_state] = self.object_id
+        self.columns = np.array([self.column(*source.split(":", 1)) for source in self.sources])
+        self.turned, self.axes = np.empty(4), np.empty(9)
+        self.has_shape = self.columns.max() > self.n_state
 
-    def column(self, source, n_qpos, n_qvel):
-        """Returns where a number of the observation stands in qpos, qvel and the object's number."""
-        kind, name = source.split(":", 1)
+    def column(self, kind, name):
+        """Returns where a number of the observation stands in qpos, qvel, the object's number and its shape."""
         place, speed = OBJECT
         if kind == "object":
-            if name in place:
-                return self.object_qpos + place.index(name)
-            return n_qpos + self.object_dof + speed.index(name) if name in speed else n_qpos + n_qvel
+            places = (self.object_qpos, place), (self.n_qpos + self.object_dof, speed), (self.n_state, ("id", *SHAPE))
+            return next(first + names.index(name) for first, names in places if name in names)
         joint = self.id(mujoco.mjtObj.mjOBJ_JOINT, name)
-        return self.model.jnt_qposadr[joint] if kind == "qpos" else n_qpos + self.model.jnt_dofadr[joint]
+        return self.model.jnt_qposadr[joint] if kind == "qpos" else self.n_qpos + self.model.jnt_dofadr[joint]
 
     def observe(self):
-        self.state[: self.model.nq] = self.data.qpos
-        self.state[self.model.nq : -1] = self.data.qvel
+        self.state[: self.n_qpos] = self.data.qpos
+        self.state[self.n_qpos : self.n_state] = self.data.qvel
+        if self.has_shape:
+            mujoco.mju_mulQuat(self.turned, self.data.qpos[self.object_qpos + 3 :][:4], self.principal_axes)
+            mujoco.mju_quat2Mat(self.axes, self.turned)
+            axes = self.axes.reshape(3, 3)
+            self.state[self.n_state + 1 :] = ((axes * self.half_sizes) @ axes.T)[UPPER]
         return self.state[self.columns].astype(np.float32)
 
     def step(self, action):

@@ -1,6 +1,6 @@
-"""Environment steps a second of Stable-Baselines3's DDPG with hindsight experience replay, one environment for each core.
+"""Environment steps a second of Stable-Baselines3's DDPG with hindsight replay, environments side by side.
 
-As `sb3_training.py`, but the environments are processes of their own (`SubprocVecEnv`), which step side by side.
+As `sb3_training.py`, but there is an environment for each core, in a process of its own (`SubprocVecEnv`).
 """
 
 from sb3_training import main
