@@ -8,14 +8,15 @@ use crate::source;
 use crate::support::workspace;
 
 /// Every crate with the crates of this workspace that it may depend on, for whatever purpose.
-const ALLOWED: [(&str, &[&str]); 7] = [
+const ALLOWED: [(&str, &[&str]); 8] = [
     ("eigenhand-hand-abi", &[]),
     ("eigenhand-hands", &["eigenhand-hand-abi"]),
     ("eigenhand-sim", &["eigenhand-hands"]),
     ("eigenhand-rl", &[]),
     ("eigenhand-synergy", &[]),
     ("eigenhand-train", &["eigenhand-hands", "eigenhand-sim", "eigenhand-rl", "eigenhand-synergy"]),
-    ("xtask", &["eigenhand-train"]),
+    ("eigenhand-report", &["eigenhand-synergy", "eigenhand-train"]),
+    ("xtask", &["eigenhand-train", "eigenhand-report"]),
 ];
 
 /// The package that may see all others, because it tests them together.
@@ -26,7 +27,7 @@ const MARK: &str = "**Invariant:**";
 /// A sentence of ARCHITECTURE.md after its mark, and what it means for the sources.
 type Invariant = (&'static str, fn(&Graph));
 
-const INVARIANTS: [Invariant; 10] = [
+const INVARIANTS: [Invariant; 11] = [
     ("`hand-abi` depends on nothing.", |g| {
         assert_eq!(g.all("eigenhand-hand-abi"), BTreeSet::new());
     }),
@@ -59,8 +60,14 @@ const INVARIANTS: [Invariant; 10] = [
             assert_eq!(both, name == "eigenhand-train", "{name} depends on {direct:?}");
         }
     }),
-    ("`xtask` holds no logic that a test would want to call: it depends on `train` alone.", |g| {
-        assert_eq!(g.internal("xtask"), BTreeSet::from(["eigenhand-train".to_owned()]));
+    ("`report` neither simulates nor learns: it reads what runs left behind.", |g| {
+        g.lacks("eigenhand-report", &["eigenhand-sim", "eigenhand-rl", "eigenhand-hands"]);
+        for word in ["trainer", "workerpool", "rundirectory"] {
+            lacks_word("crates/report/src", word);
+        }
+    }),
+    ("`xtask` holds no logic that a test would want to call: it depends on `train` and `report` alone.", |g| {
+        assert_eq!(g.internal("xtask"), ["eigenhand-report", "eigenhand-train"].map(str::to_owned).into());
     }),
     ("`unsafe` code lives only in `crates/sim/src/ffi`.", |_| source::check_fences()),
     ("No generic crate names a joint, an actuator or a body of any hand.", |_| source::check_names()),

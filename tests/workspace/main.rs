@@ -5,7 +5,9 @@
 
 mod docs;
 mod edges;
+mod gripper;
 mod python;
+mod report;
 mod reward;
 mod simulation;
 mod source;

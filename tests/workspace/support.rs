@@ -16,6 +16,8 @@ use eigenhand_train::{
 };
 use tempfile::TempDir;
 
+use crate::gripper::{GRIPPER_MANIFEST, GRIPPER_MODEL, TINY};
+
 /// Returns the root of the workspace.
 pub fn workspace() -> PathBuf {
     let tests = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
@@ -54,50 +56,6 @@ pub fn python_has(modules: &str) -> bool {
     there
 }
 
-const GRIPPER_MANIFEST: &str = r#"schema = 1
-name = "gripper"
-model = "gripper.xml"
-palm = "bridge"
-fingertips = ["left", "right"]
-
-[mount]
-position = [0.0, 0.0, 0.12]
-
-[slide]
-range = [-0.045, 0.12]
-"#;
-
-// Two pads that close on what lies between them; the right one follows the left. The gripper learns
-// and fails in a fraction of the time that a hand of many joints takes.
-const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
-  <default>
-    <joint type="slide" limited="true" range="0 0.05" damping="10" armature="0.01"/>
-    <geom contype="1" conaffinity="0" friction="2 0.05 0.01"/>
-  </default>
-  <worldbody>
-    <body name="bridge">
-      <geom type="box" size="0.02 0.07 0.01" mass="0.3"/>
-      <body name="left" pos="0 0.06 -0.04">
-        <joint name="left_joint" axis="0 -1 0"/>
-        <geom type="box" size="0.02 0.008 0.03" mass="0.05"/>
-      </body>
-      <body name="right" pos="0 -0.06 -0.04">
-        <joint name="right_joint" axis="0 1 0"/>
-        <geom type="box" size="0.02 0.008 0.03" mass="0.05"/>
-      </body>
-      <!-- extra bodies -->
-    </body>
-  </worldbody>
-  <equality>
-    <joint name="together" joint1="right_joint" joint2="left_joint" polycoef="0 1 0 0 0"/>
-  </equality>
-  <actuator>
-    <position name="close" joint="left_joint" kp="400" ctrllimited="true" ctrlrange="0 0.05"/>
-    <!-- extra actuators -->
-  </actuator>
-</mujoco>
-"#;
-
 /// Returns a gripper of two pads.
 pub fn gripper() -> Hand {
     gripper_with("", "")
@@ -111,47 +69,6 @@ pub fn gripper_with(bodies: &str, actuators: &str) -> Hand {
     std::fs::write(directory.path().join("gripper.xml"), model).unwrap();
     Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"))
 }
-
-/// Settings of a run that takes a second or two, before those of the test.
-const TINY: [&str; 37] = [
-    "hand=gripper",
-    "episodes=24",
-    "objects=[\"cube\"]",
-    "workers=1",
-    "lambda=1",
-    "training.episodes_per_cycle=2",
-    "training.warmup_episodes=16",
-    "training.updates_per_episode=2.5",
-    "training.slide_hold=1",
-    "training.checkpoint_every=8",
-    "training.replay_episodes=20",
-    "evaluation.every=8",
-    "evaluation.episodes=4",
-    "evaluation.final_episodes=6",
-    "synergy.components=2",
-    "synergy.start_after=2",
-    "synergy.penalty={ kind = \"saturating\", cap = 0.5 }",
-    "task.steps=30",
-    "task.final_steps=1",
-    "task.goal_height=[0.02, 0.05]",
-    "task.training_goal_height=[0.02, 0.05]",
-    "task.object_range=0.005",
-    "task.orientation=yaw",
-    "task.settle_time=0.1",
-    "physics.timestep=0.004",
-    "physics.substeps=10",
-    "physics.cone=elliptic",
-    "physics.impratio=10",
-    "physics.noslip_iterations=0",
-    "physics.solver_iterations=20",
-    "learner.hidden=[16, 16]",
-    "learner.batch_size=32",
-    "exploration.noise_free_share=0.5",
-    "exploration.noise_sigma=0.1",
-    "exploration.random_probability=0.1",
-    "exploration.random_hold_steps=5",
-    "exploration.warmup_hold_steps=5",
-];
 
 /// Returns the settings of a tiny run, with assignments as `--set` takes them.
 pub fn tiny(assignments: &[&str]) -> RunConfig {

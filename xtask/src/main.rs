@@ -10,6 +10,8 @@ mod eval;
 mod export;
 mod hands;
 mod output;
+mod report;
+mod reproduce;
 mod setup;
 mod train;
 
@@ -40,6 +42,8 @@ struct Cli {
 enum Command {
     Train(Box<train::Args>),
     Eval(eval::Args),
+    Reproduce(Box<reproduce::Args>),
+    Report(report::Args),
     Export(export::Args),
     Hands(hands::Args),
     Bench(bench::Args),
@@ -52,6 +56,8 @@ fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Train(args) => train::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Reproduce(args) => reproduce::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Hands(args) => hands::run(&args),
         Command::Bench(args) => bench::run(&args),

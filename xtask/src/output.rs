@@ -2,6 +2,7 @@
 
 use std::io::{ErrorKind, Write};
 
+use eigenhand_report::ReportError;
 use eigenhand_train::TrainError;
 use serde::Serialize;
 
@@ -44,7 +45,10 @@ pub fn report(error: &anyhow::Error) {
 
 /// Tells whether the command line was at fault.
 pub fn is_usage(error: &anyhow::Error) -> bool {
-    error.chain().any(|cause| cause.downcast_ref::<TrainError>().is_some_and(TrainError::is_usage))
+    error.chain().any(|cause| {
+        cause.downcast_ref::<TrainError>().is_some_and(TrainError::is_usage)
+            || cause.downcast_ref::<ReportError>().is_some_and(ReportError::is_usage)
+    })
 }
 
 /// Lays out rows in columns: the first to the left, the others to the right.

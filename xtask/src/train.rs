@@ -22,7 +22,7 @@ pub const INTERRUPTED: u8 = 130;
 /// Time between two lines of progress where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(20);
 /// Largest seed and count that a TOML integer holds.
-const LARGEST: u64 = i64::MAX as u64;
+pub const LARGEST: u64 = i64::MAX as u64;
 
 const EXAMPLES: &str = "\
 The layers of the configuration, each overriding the one before it: defaults, --preset, --config, --set, options.
@@ -92,7 +92,7 @@ pub struct Args {
 }
 
 #[derive(Clone, Copy, ValueEnum)]
-enum PresetName {
+pub enum PresetName {
     /// The settings that learn best
     Default,
     /// One object and a small range: learns in minutes

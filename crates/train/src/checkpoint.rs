@@ -258,6 +258,14 @@ impl Checkpoints {
     }
 }
 
+/// Returns the episode of the newest checkpoint in a run directory.
+///
+/// # Errors
+/// [`TrainError::Io`].
+pub fn newest(run: &Path) -> Result<Option<u64>, TrainError> {
+    Ok(list(&run.join(DIRECTORY))?.last().map(|(episode, _)| *episode))
+}
+
 /// Lists checkpoints by episode, oldest first.
 fn list(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
     let mut found = Vec::new();

@@ -99,6 +99,14 @@ pub enum TrainError {
         /// Digest of the hand's files now.
         found: String,
     },
+    /// A directory of runs was made with other settings than are asked for now.
+    #[error("{} was made with other settings: {differences}\nname another directory with --out, or ask for the same settings again", run.display())]
+    OtherSettings {
+        /// The run that differs.
+        run: PathBuf,
+        /// Keys with both values.
+        differences: String,
+    },
     /// A directory holds something that an export would overwrite.
     #[error("{} is not empty and holds no earlier export: name another directory with --out", path.display())]
     ExportExists {
@@ -132,6 +140,7 @@ impl TrainError {
                 | TrainError::NoHand { .. }
                 | TrainError::Option { .. }
                 | TrainError::RunExists { .. }
+                | TrainError::OtherSettings { .. }
                 | TrainError::ExportExists { .. }
                 | TrainError::Hand(HandError::UnknownHand { .. } | HandError::NoPluginDirectory { .. })
                 | TrainError::Sim(SimError::UnknownObject { .. })

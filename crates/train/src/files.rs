@@ -10,7 +10,10 @@ use crate::TrainError;
 use crate::error::io_error;
 
 /// Writes a file under a temporary name beside its own and renames it, so that it is whole or absent.
-pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
+///
+/// # Errors
+/// [`TrainError::Io`].
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(".partial");
     let partial = path.with_file_name(name);
@@ -24,7 +27,10 @@ pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), TrainErr
 }
 
 /// Creates a directory with its parents.
-pub(crate) fn create_directory(path: &Path) -> Result<(), TrainError> {
+///
+/// # Errors
+/// [`TrainError::Io`].
+pub fn create_directory(path: &Path) -> Result<(), TrainError> {
     fs::create_dir_all(path).map_err(io_error("create the directory", path))
 }
 

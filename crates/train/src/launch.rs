@@ -110,14 +110,7 @@ impl Launch {
     /// # Errors
     /// Whatever is wrong with the configuration, the hand, the library or the directory.
     pub fn start(request: &NewRun) -> Result<Launch, TrainError> {
-        let registry = registry(&request.plugins)?;
-        let mut config = resolve(request, &registry)?;
-        let hand = registry.get(&config.hand)?;
-        if !registry.list().iter().any(|entry| entry.name == config.hand) {
-            // A path is found again from another directory only when it is complete.
-            let complete = hand.directory.canonicalize().unwrap_or_else(|_| hand.directory.clone());
-            config.hand = complete.display().to_string();
-        }
+        let (config, hand) = resolve(request)?;
         let library = MuJoCo::load()?;
         let task = task_of(&config, &hand, &library)?;
         let provenance = Provenance::collect(&hand, &library);
@@ -222,8 +215,24 @@ impl Plan {
     }
 }
 
+/// Returns the settings that a request comes to, with their hand.
+///
+/// # Errors
+/// Whatever is wrong with the configuration or the hand.
+pub fn resolve(request: &NewRun) -> Result<(RunConfig, Hand), TrainError> {
+    let registry = registry(&request.plugins)?;
+    let mut config = sum_layers(request, &registry)?;
+    let hand = registry.get(&config.hand)?;
+    if !registry.list().iter().any(|entry| entry.name == config.hand) {
+        // A path is found again from another directory only when it is complete.
+        let complete = hand.directory.canonicalize().unwrap_or_else(|_| hand.directory.clone());
+        config.hand = complete.display().to_string();
+    }
+    Ok((config, hand))
+}
+
 /// Sums the layers of a request: default, preset, file, assignments, options.
-fn resolve(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainError> {
+fn sum_layers(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainError> {
     let file = match &request.file {
         Some(path) => Some(read_table(path)?),
         None => None,
@@ -346,7 +355,7 @@ mod tests {
     }
 
     fn resolved(request: &NewRun) -> Result<RunConfig, TrainError> {
-        resolve(request, &registry(&[])?)
+        sum_layers(request, &registry(&[])?)
     }
 
     /// A file that lives as long as the test.

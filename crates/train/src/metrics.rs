@@ -10,6 +10,9 @@ use crate::files::write_atomically;
 /// Name of the file in a run directory.
 pub const METRICS: &str = "metrics.csv";
 
+/// The column that comes first and that tells the rows apart.
+const EPISODE: &str = "episode";
+
 /// One row, as columns with values; the columns are the same in every row of a run.
 pub type Row = Vec<(String, f64)>;
 
@@ -69,6 +72,69 @@ impl MetricsFile {
         };
         self.writer.write_record(self.columns.iter().map(field)).map_err(|e| csv_error(&self.path, e))?;
         self.writer.flush().map_err(io_error("write", &self.path))
+    }
+}
+
+/// The rows of a `metrics.csv`, read back.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MetricsTable {
+    columns: Vec<String>,
+    rows: Vec<Vec<Option<f64>>>,
+}
+
+impl MetricsTable {
+    /// Reads the file in a run directory. A run that has not evaluated yet has none, which is an empty table; a last line
+    /// without its end is one that is being written, and is left out.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`], or [`TrainError::Damaged`] with the line that cannot be read.
+    pub fn read(directory: &Path) -> Result<MetricsTable, TrainError> {
+        let path = directory.join(METRICS);
+        let mut text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(MetricsTable::default()),
+            Err(error) => return Err(io_error("read", &path)(error)),
+        };
+        text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
+        let damaged = |line: usize, what: String| TrainError::Damaged {
+            path: path.clone(),
+            reason: format!("line {line}: {what}"),
+            mend: "the policy and the postures are not affected: mend the line, or move the file away".to_owned(),
+        };
+        let mut reader = csv::Reader::from_reader(text.as_bytes());
+        let header = reader.headers().map_err(|error| damaged(1, error.to_string()))?;
+        let columns: Vec<String> = header.iter().map(str::to_owned).collect();
+        if !columns.is_empty() && columns.first().is_none_or(|first| first != EPISODE) {
+            return Err(damaged(1, format!("the first column is {:?}; expected {EPISODE:?}", columns[0])));
+        }
+        let mut rows = Vec::new();
+        for (i, record) in reader.records().enumerate() {
+            let record = record.map_err(|error| damaged(i + 2, error.to_string()))?;
+            let number = |(cell, column): (&str, &String)| match cell.parse::<f64>() {
+                _ if cell.is_empty() && column != EPISODE => Ok(None),
+                Ok(value) if value.is_finite() => Ok(Some(value)),
+                _ => Err(damaged(i + 2, format!("{column} is {cell:?}; expected a number"))),
+            };
+            rows.push(record.iter().zip(&columns).map(number).collect::<Result<_, _>>()?);
+        }
+        Ok(MetricsTable { columns, rows })
+    }
+
+    /// Returns the number of rows.
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// Tells whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Returns a column from top to bottom, `None` where a number does not exist; of no length when there is no such
+    /// column.
+    pub fn column(&self, name: &str) -> Vec<Option<f64>> {
+        let position = self.columns.iter().position(|column| column == name);
+        position.map_or_else(Vec::new, |i| self.rows.iter().map(|row| row.get(i).copied().flatten()).collect())
     }
 }
 
@@ -134,5 +200,39 @@ mod tests {
         assert_eq!((value(&rows[0], "old"), value(&rows[1], "x")), (1.0, 7.5));
         assert!(value(&rows[1], "old").is_nan());
         assert_eq!(value(&rows[1], "new"), 0.0);
+    }
+
+    fn table(text: &str) -> Result<MetricsTable, TrainError> {
+        let directory = tempfile::tempdir().expect("a directory");
+        std::fs::write(directory.path().join(METRICS), text).expect("writable");
+        MetricsTable::read(directory.path())
+    }
+
+    #[test]
+    fn columns_are_read_back_with_their_gaps() {
+        let read = table("episode,x\n100,\n200,0.5\n300,0.").expect("sound");
+        assert_eq!((read.len(), read.column("episode")), (2, vec![Some(100.0), Some(200.0)]), "the last is unfinished");
+        assert_eq!((read.column("x"), read.column("y")), (vec![None, Some(0.5)], vec![]));
+    }
+
+    #[test]
+    fn a_file_without_rows_is_an_empty_table() {
+        assert!(table("").expect("empty").is_empty());
+        assert!(table("episode,x\n").expect("a header").is_empty());
+        let directory = tempfile::tempdir().expect("a directory");
+        assert!(MetricsTable::read(directory.path()).expect("no file").is_empty());
+    }
+
+    #[test]
+    fn a_damaged_line_is_named() {
+        for (text, part) in [
+            ("episode,x\n100,1\n200,abc\n", "line 3: x is \"abc\""),
+            ("episode,x\n100\n", "line 2"),
+            ("episode,x\n,1\n", "line 2: episode is \"\""),
+            ("a,b\n1,2\n", "line 1"),
+        ] {
+            let error = table(text).expect_err(text).to_string();
+            assert!(error.contains(part), "{error} does not say {part}");
+        }
     }
 }

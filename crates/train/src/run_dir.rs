@@ -10,7 +10,7 @@ use crate::{Provenance, TrainError};
 
 pub(crate) const CONFIG: &str = "config.toml";
 const PROVENANCE: &str = "provenance.toml";
-const LOCK: &str = ".lock";
+pub(crate) const LOCK: &str = ".lock";
 
 /// A run directory that this process alone writes to.
 pub struct RunDirectory {
@@ -88,10 +88,15 @@ pub fn read_provenance(path: &Path) -> Result<Provenance, TrainError> {
     Provenance::read(&path.join(PROVENANCE))
 }
 
-fn require_run(path: &Path) -> Result<(), TrainError> {
+/// Tells whether a directory holds a run.
+pub fn is_run(path: &Path) -> bool {
+    path.join(CONFIG).is_file()
+}
+
+pub(crate) fn require_run(path: &Path) -> Result<(), TrainError> {
     let reason = if !path.exists() {
         "there is no such directory"
-    } else if !path.join(CONFIG).is_file() {
+    } else if !is_run(path) {
         "it holds no config.toml"
     } else {
         return Ok(());
@@ -113,7 +118,8 @@ fn first_free(parent: &Path, config: &RunConfig, hand: &str) -> Result<PathBuf, 
     Err(TrainError::RunExists { path: parent.join(stem) })
 }
 
-fn lock(directory: &Path) -> Result<File, TrainError> {
+/// Takes the lock of a directory, which is held until the file is dropped.
+pub(crate) fn lock(directory: &Path) -> Result<File, TrainError> {
     let path = directory.join(LOCK);
     let file = OpenOptions::new()
         .create(true)

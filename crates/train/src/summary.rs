@@ -7,6 +7,7 @@ use eigenhand_sim::ffi::WarningCounts;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
+use crate::error::io_error;
 use crate::files::write_atomically;
 
 /// Name of the file in a run directory.
@@ -86,6 +87,29 @@ pub struct Summary {
 }
 
 impl Summary {
+    /// Reads the file of a run directory; a run that has not ended yet has none.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`], or [`TrainError::Damaged`] when it is not such a file.
+    pub fn read(run: &Path) -> Result<Option<Summary>, TrainError> {
+        let path = run.join(SUMMARY);
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(io_error("read", &path)(error)),
+        };
+        serde_json::from_str(&text).map(Some).map_err(|error| TrainError::Damaged {
+            path,
+            reason: error.to_string(),
+            mend: "move the file away and continue the run with --resume, which writes it anew".to_owned(),
+        })
+    }
+
+    /// Tells whether the run was trained and evaluated to its end.
+    pub fn is_complete(&self) -> bool {
+        self.stopped_by == StoppedBy::Episodes && self.success_rate.is_some()
+    }
+
     /// Writes the file into a run directory.
     ///
     /// # Errors

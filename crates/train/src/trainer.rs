@@ -28,7 +28,7 @@ use crate::tensorboard::EventFile;
 use crate::{Provenance, TrainError, export};
 
 /// Name of the posture database in a run directory.
-pub(crate) const DATABASE: &str = "postures.sqlite";
+pub const DATABASE: &str = "postures.sqlite";
 /// Noise-free training episodes over which recent success is reported.
 const RECENT: usize = 50;
 

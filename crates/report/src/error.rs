@@ -1,0 +1,68 @@
+//! What can go wrong in a report.
+
+use std::path::PathBuf;
+
+use eigenhand_train::TrainError;
+
+/// Errors of reading runs and of writing a report on them.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// A file of a run is missing or damaged, or a file of the report cannot be written.
+    #[error(transparent)]
+    Train(#[from] TrainError),
+    /// A directory is neither a run nor holds runs.
+    #[error("{} is no run directory and holds none: name the directory that `cargo xtask train` wrote, or one that holds such directories", path.display())]
+    NoRuns {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// There is a run, but nothing in it yet.
+    #[error("{runs} no evaluation yet: there is nothing to report")]
+    NothingYet {
+        /// The runs, with the verb.
+        runs: String,
+    },
+    /// The runs are of several hands.
+    #[error("{} trains the hand {first}, and {} the hand {second}: a report is on one hand", first_run.display(), second_run.display())]
+    MixedHands {
+        /// A run.
+        first_run: PathBuf,
+        /// Its hand.
+        first: String,
+        /// A run of another hand.
+        second_run: PathBuf,
+        /// That hand.
+        second: String,
+    },
+    /// The directory for the report holds something else.
+    #[error("{} is not empty and holds no earlier report: name another directory with --out", path.display())]
+    OutExists {
+        /// The directory.
+        path: PathBuf,
+    },
+    /// A figure or a table could not be made.
+    #[error("cannot make {name}: {reason}")]
+    Draw {
+        /// Figure or file.
+        name: String,
+        /// What the library said.
+        reason: String,
+    },
+}
+
+impl ReportError {
+    /// Tells whether the command line was at fault, which ends with another exit status.
+    pub fn is_usage(&self) -> bool {
+        match self {
+            ReportError::Train(error) => error.is_usage(),
+            ReportError::MixedHands { .. } | ReportError::OutExists { .. } => true,
+            ReportError::NoRuns { .. } | ReportError::NothingYet { .. } | ReportError::Draw { .. } => false,
+        }
+    }
+
+    /// Turns a library's error into one that names what was being made.
+    pub(crate) fn draw(name: &str) -> impl Fn(String) -> ReportError {
+        let name = name.to_owned();
+        move |reason| ReportError::Draw { name: name.clone(), reason }
+    }
+}

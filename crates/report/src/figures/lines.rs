@@ -1,0 +1,188 @@
+//! Curves of all lambdas in one figure.
+
+use plotters::element::{PathElement, Polygon};
+use plotters::style::Color;
+
+use super::canvas::{Area, Axes, Drawn, Key, draw, fine, head, marker, round_up, series_color};
+use super::{Cell, Figure, Group, csv};
+use crate::ReportError;
+use crate::curves::Band;
+use crate::stats::quantile;
+
+const SIZE: (u32, u32) = (760, 420);
+/// Places at which a distribution is drawn.
+const STEPS: usize = 120;
+/// Share of the errors that the axis of their distribution reaches.
+const SHOWN: f64 = 0.995;
+
+/// What a figure of curves says.
+struct Plot {
+    name: &'static str,
+    title: &'static str,
+    caption: &'static str,
+    x_name: &'static str,
+    x_column: &'static str,
+    y_name: &'static str,
+    y_column: &'static str,
+    /// Factors from the files' units to those of the axes.
+    scale: (f64, f64),
+    y_digits: usize,
+    /// Greatest y, where it is fixed.
+    top: Option<f64>,
+    /// Whether each curve has points, at which it is marked.
+    marked: bool,
+}
+
+const BAND: &str = "Line: median over the seeds; band: from the lowest seed to the highest.";
+
+/// Draws success, contribution and error along training, and the distribution of the error.
+pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
+    let along = |name, title, y_name, y_column, scale: f64, y_digits, top| Plot {
+        name,
+        title,
+        caption: BAND,
+        x_name: "training episodes",
+        x_column: "episode",
+        y_name,
+        y_column,
+        scale: (1.0, scale),
+        y_digits,
+        top,
+        marked: true,
+    };
+    let rate = Some(100.0);
+    let plots = [
+        along("success-episodes", "Success along training", "success rate (%)", "success_rate", 100.0, 0, rate),
+        Plot {
+            x_name: "wall time (min)",
+            x_column: "wall_s",
+            scale: (1.0 / 60.0, 100.0),
+            marked: false,
+            ..along("success-wall", "Success over wall time", "success rate (%)", "success_rate", 100.0, 0, rate)
+        },
+        along(
+            "contribution-sum",
+            "Sum of the contribution rates along training",
+            "sum of contribution rates (%)",
+            "contribution_sum",
+            100.0,
+            0,
+            rate,
+        ),
+        along(
+            "error-training",
+            "Approximation error of the evaluation's successes",
+            "mean approximation error (rad)",
+            "mean_error_rad",
+            1.0,
+            2,
+            None,
+        ),
+    ];
+    let mut figures = Vec::new();
+    for plot in &plots {
+        let band = |group: &Group<'_>| {
+            let curves: Vec<Vec<(f64, f64)>> =
+                group.runs.iter().map(|run| run.curve(plot.x_column, plot.y_column)).collect();
+            if plot.marked { Band::at_common_points(&curves) } else { Band::interpolated(&curves) }
+        };
+        figures.extend(plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>())?);
+    }
+    figures.extend(distribution(groups)?);
+    Ok(figures)
+}
+
+/// The share of postures whose error is at most so much.
+fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
+    let reach = |errors: &Vec<f64>| quantile(errors, SHOWN);
+    let end = groups.iter().flat_map(|g| &g.runs).filter_map(|run| reach(&run.errors)).fold(0.0, f64::max);
+    if end <= 0.0 {
+        return Ok(None);
+    }
+    let end = round_up(end);
+    let band = |group: &Group<'_>| {
+        let filled: Vec<&Vec<f64>> = group.runs.iter().map(|run| &run.errors).filter(|e| !e.is_empty()).collect();
+        let share = |errors: &Vec<f64>, x: f64| errors.partition_point(|e| *e <= x) as f64 / errors.len() as f64;
+        let curve = |errors: &&Vec<f64>| {
+            (0..=STEPS).map(|i| end * i as f64 / STEPS as f64).map(|x| (x, share(errors, x))).collect()
+        };
+        Band::at_common_points(&filled.iter().map(curve).collect::<Vec<_>>())
+    };
+    let plot = Plot {
+        name: "error-distribution",
+        title: "Distribution of the approximation error",
+        caption: "Share of the postures in a run's database whose distance from the space of the run's components is at most \
+                  so much. Line: median over the seeds; band: from the lowest seed to the highest.",
+        x_name: "approximation error e (rad)",
+        x_column: "error_rad",
+        y_name: "share of postures (%)",
+        y_column: "share",
+        scale: (1.0, 100.0),
+        y_digits: 0,
+        top: Some(100.0),
+        marked: false,
+    };
+    plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>())
+}
+
+impl Plot {
+    /// Draws the bands of the lambdas; without a point there is no figure.
+    fn figure(&self, groups: &[Group<'_>], bands: &[Band]) -> Result<Option<Figure>, ReportError> {
+        if bands.iter().all(|band| band.points.is_empty()) {
+            return Ok(None);
+        }
+        let rows = groups.iter().zip(bands).flat_map(|(group, band)| {
+            band.points.iter().map(|p| {
+                vec![group.lambda.into(), p.x.into(), p.median.into(), p.min.into(), p.max.into(), Cell::from(p.n_runs)]
+            })
+        });
+        let header = ["lambda", self.x_column, "median", "min", "max", "n_runs"];
+        Ok(Some(Figure {
+            csv: csv(self.name, &header, rows)?,
+            svg: draw(self.name, SIZE, |area| self.draw(area, groups, bands))?,
+            name: self.name.to_owned(),
+            title: self.title.to_owned(),
+            caption: self.caption.to_owned(),
+        }))
+    }
+
+    fn draw(&self, area: &Area<'_>, groups: &[Group<'_>], bands: &[Band]) -> Drawn {
+        let entries: Vec<(Key, String)> = groups
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| !bands[*i].points.is_empty())
+            .map(|(i, group)| (Key::Series(i), group.label()))
+            .collect();
+        let rest = head(area, self.title, &entries)?;
+        let (sx, sy) = self.scale;
+        let end = bands.iter().filter_map(Band::end).fold(0.0, f64::max) * sx;
+        let top = bands.iter().flat_map(|band| &band.points).map(|p| p.max).fold(0.0, f64::max) * sy;
+        let fraction = end < 10.0;
+        let axes = Axes {
+            x: 0.0..if end > 0.0 { end * 1.01 } else { 1.0 },
+            y: 0.0..self.top.unwrap_or_else(|| round_up(top)),
+            x_name: self.x_name,
+            y_name: self.y_name,
+            x_digits: if fraction { 1 } else { 0 },
+            y_digits: self.y_digits,
+        };
+        let chart = axes.draw(&rest)?;
+        let plot = chart.plotting_area();
+        for (i, band) in bands.iter().enumerate() {
+            let upper = band.points.iter().map(|p| (p.x * sx, p.max * sy));
+            let lower = band.points.iter().rev().map(|p| (p.x * sx, p.min * sy));
+            plot.draw(&Polygon::new(upper.chain(lower).collect::<Vec<_>>(), series_color(i).mix(0.18)))?;
+        }
+        for (i, band) in bands.iter().enumerate() {
+            let line: Vec<(f64, f64)> = band.points.iter().map(|p| (p.x * sx, p.median * sy)).collect();
+            plot.draw(&PathElement::new(line.clone(), series_color(i).stroke_width(fine(2.2))))?;
+            if self.marked {
+                let screen = plot.use_screen_coord();
+                for point in &line {
+                    marker(&screen, i, plot.map_coordinate(point), 3.6, true)?;
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,108 @@
+//! Figures, each with the numbers that are plotted in it.
+
+mod canvas;
+mod contribution;
+mod lines;
+mod points;
+
+use std::collections::BTreeMap;
+
+use crate::ReportError;
+use crate::analysis::Analysis;
+use crate::run::Run;
+
+pub use canvas::render_png;
+
+/// A figure.
+#[derive(Clone, Debug)]
+pub struct Figure {
+    /// Name of its files, without an extension.
+    pub name: String,
+    /// What it shows, in a few words.
+    pub title: String,
+    /// How to read it.
+    pub caption: String,
+    /// The drawing.
+    pub svg: String,
+    /// The plotted numbers.
+    pub csv: Vec<u8>,
+}
+
+/// The runs of one lambda.
+pub(crate) struct Group<'a> {
+    /// Weight of the approximation error.
+    pub lambda: f64,
+    /// Its runs.
+    pub runs: Vec<&'a Run>,
+}
+
+impl Group<'_> {
+    /// `lambda = 1 (5 seeds)`
+    pub fn label(&self) -> String {
+        let n = self.runs.len();
+        format!("\u{3bb} = {} ({n} {})", self.lambda, if n == 1 { "seed" } else { "seeds" })
+    }
+}
+
+/// Draws every figure for which there are numbers.
+///
+/// # Errors
+/// [`ReportError::Draw`].
+pub fn all(runs: &[Run], analysis: &Analysis) -> Result<Vec<Figure>, ReportError> {
+    let groups = groups(runs);
+    let mut figures = contribution::figures(&groups)?;
+    figures.extend(lines::figures(&groups)?);
+    figures.extend(points::figures(analysis)?);
+    Ok(figures)
+}
+
+fn groups(runs: &[Run]) -> Vec<Group<'_>> {
+    let mut groups: BTreeMap<u64, Group<'_>> = BTreeMap::new();
+    for run in runs {
+        // Numbers of at least 0 have the order of their bits.
+        let key = run.lambda.abs().to_bits();
+        groups.entry(key).or_insert_with(|| Group { lambda: run.lambda, runs: Vec::new() }).runs.push(run);
+    }
+    groups.into_values().collect()
+}
+
+/// Writes rows of numbers as CSV; a number that is not finite is left empty.
+pub(crate) fn csv(name: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<Cell>>) -> Result<Vec<u8>, ReportError> {
+    let failed = ReportError::draw(name);
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    writer.write_record(header).map_err(|error| failed(error.to_string()))?;
+    for row in rows {
+        writer.write_record(row.iter().map(Cell::text)).map_err(|error| failed(error.to_string()))?;
+    }
+    writer.into_inner().map_err(|error| failed(error.to_string()))
+}
+
+/// A field of a CSV file.
+pub(crate) enum Cell {
+    /// A number.
+    Number(f64),
+    /// A word.
+    Text(String),
+}
+
+impl Cell {
+    fn text(&self) -> String {
+        match self {
+            Cell::Number(value) if value.is_finite() => value.to_string(),
+            Cell::Number(_) => String::new(),
+            Cell::Text(text) => text.clone(),
+        }
+    }
+}
+
+impl From<f64> for Cell {
+    fn from(value: f64) -> Cell {
+        Cell::Number(value)
+    }
+}
+
+impl From<usize> for Cell {
+    fn from(value: usize) -> Cell {
+        Cell::Number(value as f64)
+    }
+}

@@ -1,0 +1,21 @@
+//! A report on finished and unfinished runs: statistics across seeds for each lambda, figures with their numbers, and one
+//! HTML page that needs nothing else.
+#![forbid(unsafe_code)]
+
+mod analysis;
+mod curves;
+mod error;
+mod figures;
+mod page;
+mod run;
+mod statements;
+mod stats;
+mod tables;
+mod write;
+
+pub use analysis::{Analysis, DifferenceRecord, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
+pub use curves::{Band, BandPoint};
+pub use error::ReportError;
+pub use run::{Run, read_runs};
+pub use stats::{Bootstrap, Contrast, Estimate, interquartile_mean, median, quantile};
+pub use write::{Report, write};

@@ -1,0 +1,286 @@
+//! The page: one file with everything in it.
+
+use eigenhand_train::Settings;
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+
+use crate::analysis::{Analysis, LEVELS, Quantity, RunRecord};
+use crate::figures::Figure;
+use crate::run::Run;
+use crate::statements::differing_settings;
+use crate::stats::{Estimate, FEWEST, RESAMPLES};
+
+const STYLE: &str = include_str!("page.css");
+
+/// Renders the page.
+pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
+    let title = title(analysis);
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (title) }
+                style { (PreEscaped(STYLE)) }
+            }
+            body {
+                main {
+                    h1 { (title) }
+                    p.soft { (subtitle(analysis)) }
+                    @if !analysis.notes.is_empty() {
+                        div.notes { ul { @for note in &analysis.notes { li { (note) } } } }
+                    }
+                    h2 { "What the runs say" }
+                    @if analysis.statements.is_empty() { p { "No run is complete yet." } }
+                    ul { @for statement in &analysis.statements { li { (statement) } } }
+                    (lambda_table(analysis))
+                    @for figure in figures { (drawing(figure)) }
+                    (objects_table(analysis))
+                    (levels_table(analysis))
+                    h2 { "Runs" }
+                    (runs_table(analysis))
+                    h2 { "Settings" }
+                    (settings(runs))
+                    h2 { "How it is computed" }
+                    (method())
+                }
+            }
+        }
+    }
+    .into_string()
+}
+
+fn title(analysis: &Analysis) -> String {
+    let lambdas: Vec<String> = analysis.lambdas.iter().map(|lambda| lambda.lambda.to_string()).collect();
+    format!("Hand {}: lambda {}", analysis.hand, lambdas.join(", "))
+}
+
+fn subtitle(analysis: &Analysis) -> String {
+    let complete = analysis.runs.iter().filter(|run| run.is_complete()).count();
+    let runs = if analysis.runs.len() == 1 { "run" } else { "runs" };
+    format!("{} {runs}, {complete} complete. Numbers: runs.csv, lambdas.csv, report.json, and a CSV beside every figure.", analysis.runs.len())
+}
+
+fn drawing(figure: &Figure) -> Markup {
+    // What is before the first tag names the file's encoding, which is the page's.
+    let svg = figure.svg.find("<svg").map_or("", |start| &figure.svg[start..]);
+    html! {
+        figure role="img" aria-label=(figure.title) {
+            (PreEscaped(svg))
+            figcaption { (figure.caption) }
+        }
+    }
+}
+
+fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
+    html! {
+        div.scroll {
+            table {
+                thead { tr { @for cell in header { th { (cell) } } } }
+                tbody { @for row in rows { tr { @for cell in row { td { (cell) } } } } }
+            }
+        }
+    }
+}
+
+fn words(cells: &[&str]) -> Vec<String> {
+    cells.iter().map(|cell| (*cell).to_owned()).collect()
+}
+
+/// `93.1 (91.0 to 95.2)`
+fn estimate(estimate: Option<&Estimate>, factor: f64, digits: usize) -> String {
+    let number = |value: f64| format!("{:.digits$}", factor * value);
+    match estimate {
+        None => "-".to_owned(),
+        Some(Estimate { iqm, interval: Some([low, high]), .. }) => {
+            format!("{} ({} to {})", number(*iqm), number(*low), number(*high))
+        }
+        Some(Estimate { iqm, .. }) => number(*iqm),
+    }
+}
+
+fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", factor * value))
+}
+
+fn lambda_table(analysis: &Analysis) -> Markup {
+    let rows = |quantity: Quantity| {
+        let (name, factor, digits) = match quantity {
+            Quantity::SuccessRate => ("final success (%)", 100.0, 1),
+            Quantity::ContributionSum => ("sum of contribution rates (%)", 100.0, 1),
+            Quantity::ContributionChange => ("its change along training (points)", 100.0, 1),
+            Quantity::MeanErrorRad => ("mean approximation error (rad)", 1.0, 3),
+            Quantity::NPostures => ("postures", 1.0, 0),
+            Quantity::MeanPenetrationM => ("mean penetration (mm)", 1000.0, 2),
+            Quantity::WallS => ("wall time (min)", 1.0 / 60.0, 1),
+        };
+        let mut row = vec![name.to_owned()];
+        for lambda in &analysis.lambdas {
+            let found = lambda.quantities.get(quantity.key());
+            row.push(estimate(found, factor, digits));
+            row.push(found.map_or_else(String::new, |e| {
+                format!("{:.digits$} to {:.digits$}", factor * e.min, factor * e.max)
+            }));
+        }
+        row
+    };
+    let mut body: Vec<Vec<String>> = Quantity::ALL.map(rows).to_vec();
+    let n_components = analysis.lambdas.iter().map(|lambda| lambda.contribution.len()).max().unwrap_or(0);
+    for i in 0..n_components {
+        let mut row = vec![format!("contribution rate {} (%)", i + 1)];
+        for lambda in &analysis.lambdas {
+            let found = lambda.contribution.get(i);
+            row.push(estimate(found, 100.0, 1));
+            row.push(found.map_or_else(String::new, |e| format!("{:.1} to {:.1}", 100.0 * e.min, 100.0 * e.max)));
+        }
+        body.push(row);
+    }
+    let mut header = vec![String::new()];
+    for lambda in &analysis.lambdas {
+        header.push(format!("\u{3bb} = {}, {} runs", lambda.lambda, lambda.n_complete));
+        header.push("lowest to highest".to_owned());
+    }
+    html! {
+        (table(&header, &body))
+        p.soft { "Interquartile mean over the complete runs, with its 95 % bootstrap interval in brackets." }
+    }
+}
+
+fn objects_table(analysis: &Analysis) -> Markup {
+    let rows: Vec<Vec<String>> = analysis
+        .objects()
+        .into_iter()
+        .map(|object| {
+            let cells = analysis.lambdas.iter().map(|lambda| estimate(lambda.objects.get(&object), 100.0, 1));
+            std::iter::once(object.clone()).chain(cells).collect()
+        })
+        .collect();
+    if rows.is_empty() {
+        return html! {};
+    }
+    let mut header = words(&["object"]);
+    header.extend(analysis.lambdas.iter().map(|lambda| format!("success (%), \u{3bb} = {}", lambda.lambda)));
+    html! { h2 { "Success for each object" } (table(&header, &rows)) }
+}
+
+fn levels_table(analysis: &Analysis) -> Markup {
+    let mut rows = Vec::new();
+    for lambda in analysis.lambdas.iter().filter(|lambda| lambda.n_complete > 0) {
+        for level in &lambda.levels {
+            rows.push(vec![
+                format!("\u{3bb} = {}", lambda.lambda),
+                format!("{:.0} %", 100.0 * level.success_rate),
+                format!("{} of {}", level.n_reached, lambda.n_complete),
+                number(level.median_episodes, 1.0, 0),
+                number(level.median_wall_s, 1.0 / 60.0, 1),
+            ]);
+        }
+    }
+    if rows.is_empty() {
+        return html! {};
+    }
+    html! {
+        h2 { "How soon" }
+        (table(&words(&["", "success", "runs that reached it", "median episodes", "median wall time (min)"]), &rows))
+        p.soft {
+            "The first evaluation during training that reached it. A run that never did counts as later than all others; "
+            "where that leaves no median there is none."
+        }
+    }
+}
+
+fn runs_table(analysis: &Analysis) -> Markup {
+    let mut header = words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % of episodes", "sum of contribution (%)"]);
+    header.extend(words(&["mean error (rad)", "postures", "episodes", "wall time (min)"]));
+    header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
+    let row = |run: &RunRecord| {
+        let interval = run.success_interval.map(|[low, high]| format!("{:.1} to {:.1}", 100.0 * low, 100.0 * high));
+        let mut row = vec![
+            run.run.clone(),
+            run.lambda.to_string(),
+            run.seed.to_string(),
+            run.state.to_owned(),
+            number(run.success_rate, 100.0, 1),
+            interval.unwrap_or_else(|| "-".to_owned()),
+            number(run.contribution_sum, 100.0, 1),
+            number(run.mean_error_rad, 1.0, 3),
+            run.n_postures.to_string(),
+            run.episodes.to_string(),
+            number(run.wall_s, 1.0 / 60.0, 1),
+        ];
+        row.extend(run.reached.iter().map(|reached| number(reached.map(|r| r.episodes), 1.0, 0)));
+        row
+    };
+    let rows: Vec<Vec<String>> = analysis.runs.iter().map(row).collect();
+    html! {
+        (table(&header, &rows))
+        p.soft { "95 % of episodes: the interval of Wilson (1927) for a share, over the episodes of the final evaluation." }
+    }
+}
+
+fn settings(runs: &[Run]) -> Markup {
+    let differing = differing_settings(runs);
+    let common: Vec<(&String, &String)> = runs.first().map_or_else(Vec::new, |run| {
+        let of_all = |key: &String| !differing.contains_key(key) && !["lambda", "seed", "workers"].contains(&key.as_str());
+        run.settings.iter().filter(|(key, _)| of_all(key)).collect()
+    });
+    let header: Vec<String> =
+        std::iter::once("setting".to_owned()).chain(runs.iter().map(|run| run.name.clone())).collect();
+    let rows: Vec<Vec<String>> =
+        differing.into_iter().map(|(key, values)| std::iter::once(key).chain(values).collect()).collect();
+    html! {
+        @if !rows.is_empty() {
+            p { "In these the runs differ:" }
+            (table(&header, &rows))
+        }
+        (provenance(runs))
+        details {
+            summary { (common.len()) " settings that all runs share" }
+            (common_table(&common.into_iter().map(|(k, v)| (k.clone(), v.clone())).collect()))
+        }
+    }
+}
+
+fn common_table(settings: &Settings) -> Markup {
+    html! {
+        div.scroll {
+            table {
+                tbody { @for (key, value) in settings { tr { td { code { (key) } } td.word { code { (value) } } } } }
+            }
+        }
+    }
+}
+
+fn provenance(runs: &[Run]) -> Markup {
+    let header = words(&["run", "program", "revision", "MuJoCo", "platform", "processors", "hand's digest"]);
+    let start = |text: &str| text.chars().take(12).collect::<String>();
+    let row = |run: &Run| {
+        let made = &run.provenance;
+        vec![
+            run.name.clone(),
+            made.eigenhand_version.clone(),
+            format!("{}{}", start(&made.git_revision), if made.git_revision.ends_with('+') { "+" } else { "" }),
+            made.mujoco_version.clone(),
+            made.platform.clone(),
+            made.processors.to_string(),
+            start(&made.hand_digest),
+        ]
+    };
+    table(&header, &runs.iter().map(row).collect::<Vec<_>>())
+}
+
+fn method() -> Markup {
+    html! {
+        p {
+            "The interquartile mean leaves out the lowest and the highest quarter of the runs, rounded down to whole runs. Its "
+            "interval is the middle 95 % of " (RESAMPLES) " bootstrap resamples, in which the runs of each lambda are drawn "
+            "again with replacement by themselves (Agarwal et al. 2021); the interval of a difference is that of the resampled "
+            "differences. With fewer than " (FEWEST) " runs there is none. The resamples come from a fixed seed, so the same "
+            "runs give the same page."
+        }
+        p {
+            "Along training, lines are medians over the runs that have got so far, and bands reach from the lowest of them to "
+            "the highest."
+        }
+    }
+}

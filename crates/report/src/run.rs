@@ -1,0 +1,162 @@
+//! Runs as a report sees them, read from their directories.
+
+use std::path::{Path, PathBuf};
+
+use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError};
+use eigenhand_train::config::ConfigError;
+use eigenhand_train::{
+    DATABASE, MetricsTable, Provenance, Settings, Summary, TrainError, is_run, read_provenance, read_settings, reproduce,
+};
+
+use crate::ReportError;
+
+/// A run, finished or not.
+#[derive(Clone, Debug)]
+pub struct Run {
+    /// Its directory.
+    pub path: PathBuf,
+    /// The directory's own name.
+    pub name: String,
+    /// Weight of the approximation error.
+    pub lambda: f64,
+    /// Seed.
+    pub seed: u64,
+    /// Training episodes that it was to have.
+    pub episodes: u64,
+    /// Principal components of its synergy.
+    pub components: usize,
+    /// Postures above which there is a penalty.
+    pub start_after: u64,
+    /// All its settings.
+    pub settings: Settings,
+    /// What it was made with.
+    pub provenance: Provenance,
+    /// What it reached, once it has ended or was interrupted.
+    pub summary: Option<Summary>,
+    /// Its evaluations during training.
+    pub metrics: MetricsTable,
+    /// Approximation error of every posture in its database by the components of that database, ascending.
+    pub errors: Vec<f64>,
+}
+
+impl Run {
+    /// Reads the run in a directory.
+    ///
+    /// # Errors
+    /// [`ReportError::Train`] when a file is missing or damaged.
+    pub fn read(path: &Path) -> Result<Run, ReportError> {
+        let settings = read_settings(path)?;
+        let episodes = setting(path, &settings, "episodes")?;
+        let components = setting(path, &settings, "synergy.components")?;
+        let summary = Summary::read(path)?;
+        let metrics = MetricsTable::read(path)?;
+        let complete = summary.as_ref().is_some_and(Summary::is_complete);
+        if complete && metrics.is_empty() && episodes >= setting::<u64>(path, &settings, "evaluation.every")? {
+            return Err(ReportError::Train(TrainError::Damaged {
+                path: path.join("metrics.csv"),
+                reason: "the run is complete, but no evaluation is in it".to_owned(),
+                mend: "restore the file, or leave this run out".to_owned(),
+            }));
+        }
+        let errors = errors(&path.join(DATABASE), components).map_err(TrainError::from)?;
+        let name = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        Ok(Run {
+            name: name.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
+            provenance: read_provenance(path)?,
+            path: path.to_owned(),
+            lambda: setting(path, &settings, "lambda")?,
+            seed: setting(path, &settings, "seed")?,
+            episodes,
+            components,
+            start_after: setting(path, &settings, "synergy.start_after")?,
+            settings,
+            summary,
+            metrics,
+            errors,
+        })
+    }
+
+    /// Returns what the run reached, where it was trained and evaluated to its end.
+    pub fn result(&self) -> Option<&Summary> {
+        self.summary.as_ref().filter(|summary| summary.is_complete())
+    }
+
+    /// Returns a column of the evaluations during training against another, such as the success rate against the
+    /// episodes, where both exist.
+    pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
+        self.metrics.column(x).into_iter().zip(self.metrics.column(y)).filter_map(|(x, y)| x.zip(y)).collect()
+    }
+}
+
+fn setting<T: std::str::FromStr>(run: &Path, settings: &Settings, key: &str) -> Result<T, TrainError> {
+    let value = settings.get(key);
+    value.and_then(|value| value.parse().ok()).ok_or_else(|| {
+        let reason = format!("{key} is {}; expected a number", value.map_or("absent", String::as_str));
+        TrainError::Config(ConfigError::Value { origin: run.join("config.toml").display().to_string(), reason })
+    })
+}
+
+/// Reads runs: each path is a run directory, or a directory of them.
+///
+/// # Errors
+/// [`ReportError::NoRuns`] for a path that is neither, [`ReportError::MixedHands`], and those of [`Run::read`].
+pub fn read_runs(paths: &[PathBuf]) -> Result<Vec<Run>, ReportError> {
+    let mut directories = Vec::new();
+    for path in paths {
+        if is_run(path) {
+            directories.push(path.clone());
+            continue;
+        }
+        let found = if path.is_dir() { reproduce::runs_in(path)? } else { Vec::new() };
+        if found.is_empty() {
+            return Err(ReportError::NoRuns { path: path.clone() });
+        }
+        directories.extend(found);
+    }
+    let mut seen = Vec::new();
+    directories.retain(|path| {
+        let complete = path.canonicalize().unwrap_or_else(|_| path.clone());
+        let new = !seen.contains(&complete);
+        seen.push(complete);
+        new
+    });
+    let mut runs = directories.iter().map(|path| Run::read(path)).collect::<Result<Vec<_>, _>>()?;
+    runs.sort_by(|a, b| {
+        a.lambda.total_cmp(&b.lambda).then(a.seed.cmp(&b.seed)).then(a.name.cmp(&b.name))
+    });
+    check_hands(&runs)?;
+    if runs.iter().all(|run| run.metrics.is_empty() && run.result().is_none()) {
+        let verb = if runs.len() == 1 { "the run has" } else { "the runs have" };
+        return Err(ReportError::NothingYet { runs: verb.to_owned() });
+    }
+    Ok(runs)
+}
+
+fn check_hands(runs: &[Run]) -> Result<(), ReportError> {
+    let Some(first) = runs.first() else { return Ok(()) };
+    match runs.iter().find(|run| run.provenance.hand != first.provenance.hand) {
+        None => Ok(()),
+        Some(second) => Err(ReportError::MixedHands {
+            first_run: first.path.clone(),
+            first: first.provenance.hand.clone(),
+            second_run: second.path.clone(),
+            second: second.provenance.hand.clone(),
+        }),
+    }
+}
+
+/// Computes the approximation errors over a database; too few postures for the components have none.
+fn errors(database: &Path, components: usize) -> Result<Vec<f64>, SynergyError> {
+    if !database.exists() {
+        return Ok(Vec::new());
+    }
+    let database = PostureDatabase::open_existing(database)?;
+    let postures = database.postures()?;
+    if postures.len() <= components {
+        return Ok(Vec::new());
+    }
+    let synergy = Synergy::fit(database.joints(), &postures, components)?;
+    let mut errors: Vec<f64> = postures.iter().map(|posture| synergy.error(posture)).collect();
+    errors.sort_by(f64::total_cmp);
+    Ok(errors)
+}

@@ -1,0 +1,191 @@
+//! What the numbers support, in plain sentences.
+
+use std::collections::BTreeMap;
+
+use eigenhand_train::differences;
+
+use crate::analysis::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
+use crate::run::Run;
+use crate::stats::FEWEST;
+
+/// Seeds below which an interval is said to rest on few.
+const FEW: usize = 10;
+/// Settings that runs of one report differ in by design.
+const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
+
+/// How a quantity is written.
+struct Words {
+    name: &'static str,
+    unit: &'static str,
+    factor: f64,
+    digits: usize,
+}
+
+impl Words {
+    fn of(quantity: Quantity) -> Words {
+        let (name, unit, factor, digits) = match quantity {
+            Quantity::SuccessRate => ("final success", "%", 100.0, 1),
+            Quantity::ContributionSum => ("the sum of the contribution rates", "%", 100.0, 1),
+            Quantity::ContributionChange => ("the change of that sum along training", "points", 100.0, 1),
+            Quantity::MeanErrorRad => ("the mean approximation error", "rad", 1.0, 3),
+            Quantity::NPostures => ("the number of postures", "", 1.0, 0),
+            Quantity::MeanPenetrationM => ("the mean penetration", "mm", 1000.0, 2),
+            Quantity::WallS => ("wall time", "min", 1.0 / 60.0, 1),
+        };
+        Words { name, unit, factor, digits }
+    }
+
+    fn number(&self, value: f64) -> String {
+        format!("{:.*}", self.digits, self.factor * value)
+    }
+
+    /// With its sign; a minus as it is set in print.
+    fn signed(&self, value: f64) -> String {
+        format!("{:+.*}", self.digits, self.factor * value).replace('-', "\u{2212}")
+    }
+
+    /// Unit of a difference.
+    fn unit_of_difference(&self) -> &'static str {
+        if self.unit == "%" { "percentage points" } else { self.unit }
+    }
+}
+
+/// Says what a difference between two lambdas supports.
+pub fn difference(record: &DifferenceRecord) -> String {
+    let words = Words::of(record.quantity);
+    let DifferenceRecord { baseline, lambda, contrast, n_runs: [n_baseline, n], .. } = record;
+    let size = format!("{} {}", words.signed(contrast.difference), words.unit_of_difference());
+    let head = format!(
+        "From lambda {baseline} ({}) to lambda {lambda} ({}), {} differs by {size}",
+        seeds(*n_baseline),
+        seeds(*n),
+        words.name
+    );
+    let (Some([low, high]), Some(excludes)) = (contrast.interval, contrast.excludes_zero()) else {
+        return format!(
+            "{head}. With fewer than {FEWEST} seeds on a side there is no interval, and nothing can be said about the \
+             difference beyond these runs."
+        );
+    };
+    let (low, high) = (words.signed(low), words.signed(high));
+    let verdict = if !excludes {
+        "contains zero: these runs do not show a difference, and do not show that there is none".to_owned()
+    } else if contrast.difference > 0.0 {
+        format!("excludes zero: these runs support that it is greater with lambda {lambda}")
+    } else {
+        format!("excludes zero: these runs support that it is smaller with lambda {lambda}")
+    };
+    let few = if *n.min(n_baseline) < FEW { " With so few seeds the true interval is wider than this one." } else { "" };
+    format!("{head}; the 95 % interval, {low} to {high}, {verdict}.{few}")
+}
+
+/// Says what the runs of each lambda reached, and what differs between lambdas.
+pub fn all(analysis: &Analysis) -> Vec<String> {
+    let mut sentences: Vec<String> = analysis.lambdas.iter().filter_map(level).collect();
+    sentences.extend(analysis.lambdas.iter().filter_map(|lambda| trend(analysis, lambda)));
+    sentences.extend(analysis.differences.iter().map(|record| record.statement.clone()));
+    sentences
+}
+
+fn level(lambda: &LambdaRecord) -> Option<String> {
+    let words = Words::of(Quantity::SuccessRate);
+    let estimate = lambda.quantities.get(Quantity::SuccessRate.key())?;
+    let value = words.number(estimate.iqm);
+    let head = format!("With lambda {}, final success is {value} %", lambda.lambda);
+    if estimate.n == 1 {
+        return Some(format!("{head} in one run; how it varies with the seed is not known."));
+    }
+    let (least, most) = (words.number(estimate.min), words.number(estimate.max));
+    let interval = match estimate.interval {
+        Some([low, high]) => format!(", 95 % interval {} to {}", words.number(low), words.number(high)),
+        None => String::new(),
+    };
+    Some(format!("{head} (interquartile mean over {}{interval}); the seeds lie between {least} and {most} %.", seeds(estimate.n)))
+}
+
+/// Says whether the contribution rates rise or fall along training, which is the paper's other observation.
+fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
+    let changes: Vec<f64> = analysis
+        .runs
+        .iter()
+        .filter(|run| run.lambda == lambda.lambda && run.is_complete())
+        .filter_map(|run| run.contribution_change)
+        .collect();
+    if changes.is_empty() {
+        return None;
+    }
+    let rising = changes.iter().filter(|change| **change > 0.0).count();
+    let words = Words::of(Quantity::ContributionChange);
+    let change = words.signed(lambda.quantities.get(Quantity::ContributionChange.key())?.iqm);
+    Some(format!(
+        "With lambda {}, the sum of the contribution rates rises in {rising} and falls in {} of {} from the first evaluation \
+         with enough postures for the penalty to the last ({change} points, interquartile mean).",
+        lambda.lambda,
+        changes.len() - rising,
+        counted(changes.len(), "run")
+    ))
+}
+
+/// Says what is missing or does not fit together.
+pub fn notes(runs: &[Run]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for run in runs.iter().filter(|run| run.result().is_none()) {
+        let done = run.metrics.column("episode").last().copied().flatten().unwrap_or(0.0);
+        notes.push(format!(
+            "{} is not finished ({done:.0} of {} episodes at its last evaluation): its curves are shown, and it is in no \
+             table of results.",
+            run.name, run.episodes
+        ));
+    }
+    let mut seen: BTreeMap<(String, u64), &str> = BTreeMap::new();
+    for run in runs {
+        let (lambda, seed) = (run.lambda, run.seed);
+        if let Some(other) = seen.insert((lambda.to_string(), seed), &run.name) {
+            notes.push(format!(
+                "{other} and {} both have lambda {lambda} and seed {seed}: they are not independent of one another.",
+                run.name
+            ));
+        }
+    }
+    let differing = differing_settings(runs);
+    if !differing.is_empty() {
+        let keys: Vec<&str> = differing.keys().map(String::as_str).collect();
+        notes.push(format!(
+            "The runs differ in more than lambda and seed ({}): a difference between lambdas may come from that.",
+            keys.join(", ")
+        ));
+    }
+    for (what, value) in [
+        ("versions of the program", (|run| &run.provenance.git_revision) as fn(&Run) -> &String),
+        ("versions of the hand's files", |run| &run.provenance.hand_digest),
+        ("versions of MuJoCo", |run| &run.provenance.mujoco_version),
+    ] {
+        let mut values: Vec<&String> = runs.iter().map(value).collect();
+        values.sort();
+        values.dedup();
+        if values.len() > 1 {
+            notes.push(format!("The runs were made with {} {what}.", values.len()));
+        }
+    }
+    notes
+}
+
+/// Returns the settings, other than those that a report is about, that differ between runs, with the value of each run.
+pub fn differing_settings(runs: &[Run]) -> BTreeMap<String, Vec<String>> {
+    let Some(first) = runs.first() else { return BTreeMap::new() };
+    let keys = runs.iter().flat_map(|run| differences(&first.settings, &run.settings).into_iter().map(|(key, ..)| key));
+    keys.filter(|key| !VARIED.contains(key))
+        .map(|key| {
+            let value = |run: &Run| run.settings.get(key).cloned().unwrap_or_else(|| "absent".to_owned());
+            (key.to_owned(), runs.iter().map(value).collect())
+        })
+        .collect()
+}
+
+fn seeds(n: usize) -> String {
+    counted(n, "seed")
+}
+
+fn counted(n: usize, what: &str) -> String {
+    if n == 1 { format!("{n} {what}") } else { format!("{n} {what}s") }
+}

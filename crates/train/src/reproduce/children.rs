@@ -1,0 +1,286 @@
+//! One process for each run, some of them side by side, so that a crash costs one run.
+
+use std::fs::{File, OpenOptions};
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
+
+use crate::error::io_error;
+use crate::progress::Status;
+use crate::reproduce::{Member, Overview, OverviewDisplay, Progressing, Reproduction, State, state_of};
+use crate::{Summary, TrainError};
+
+
+/// Time between two looks at the processes.
+const POLL: Duration = Duration::from_millis(100);
+/// Time between two looks at what they printed.
+const READ_EVERY: Duration = Duration::from_secs(1);
+/// Bytes at the end of a log that are searched for progress, and for the reason of a failure.
+const TAIL: u64 = 8192;
+/// Last lines of a failed run that are shown.
+const SHOWN_LINES: usize = 8;
+
+/// How a run ended in this session.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Ending {
+    /// It was complete before.
+    WasComplete,
+    /// It is complete now.
+    Completed,
+    /// It was stopped, or not begun, because the user asked to stop.
+    Stopped,
+    /// Its process failed.
+    Failed {
+        /// How the process ended.
+        status: String,
+        /// The last lines that it printed.
+        lines: Vec<String>,
+    },
+}
+
+struct Running<'a> {
+    member: &'a Member,
+    position: usize,
+    child: Child,
+    /// Length of the log when the process started.
+    log_start: u64,
+    status: Option<Status>,
+}
+
+/// Trains what is not complete yet, `jobs` runs side by side, and returns how each ended, in the order of the members.
+///
+/// `command` makes the command that trains a member, or resumes it where its state says so. At the first request to
+/// stop, which `stop` counts, the processes are interrupted and save; at the second they are killed.
+///
+/// # Errors
+/// [`TrainError::Io`] when a process cannot be started or its log not be written; those that run are stopped first.
+pub fn train(
+    reproduction: &Reproduction,
+    jobs: usize,
+    stop: &AtomicUsize,
+    command: &dyn Fn(&Member) -> Command,
+    display: &mut dyn OverviewDisplay,
+) -> Result<Vec<Ending>, TrainError> {
+    let mut session = Session::new(&reproduction.members);
+    let outcome = session.run(jobs.max(1), stop, command, display);
+    if outcome.is_err() {
+        session.end();
+    }
+    display.finish();
+    outcome?;
+    Ok(session.endings.into_iter().map(|ending| ending.unwrap_or(Ending::Stopped)).collect())
+}
+
+struct Session<'a> {
+    members: &'a [Member],
+    endings: Vec<Option<Ending>>,
+    running: Vec<Running<'a>>,
+    started: Instant,
+    /// Episodes that were done before this session.
+    done_before: u64,
+}
+
+impl<'a> Session<'a> {
+    fn new(members: &'a [Member]) -> Session<'a> {
+        let ending = |member: &Member| (member.state == State::Complete).then_some(Ending::WasComplete);
+        Session {
+            members,
+            endings: members.iter().map(ending).collect(),
+            running: Vec::new(),
+            started: Instant::now(),
+            done_before: members.iter().map(Member::episodes_done).sum(),
+        }
+    }
+
+    fn run(
+        &mut self,
+        jobs: usize,
+        stop: &AtomicUsize,
+        command: &dyn Fn(&Member) -> Command,
+        display: &mut dyn OverviewDisplay,
+    ) -> Result<(), TrainError> {
+        let members = self.members;
+        let mut waiting = members.iter().enumerate().filter(|(_, member)| member.state != State::Complete).peekable();
+        let mut heeded = 0;
+        let mut read: Option<Instant> = None;
+        loop {
+            let asked = stop.load(Ordering::Relaxed);
+            while asked == 0 && self.running.len() < jobs {
+                let Some((position, member)) = waiting.next() else { break };
+                let running = start(member, position, command)?;
+                display.note(&format!("{} {}", member.name, verb(member)));
+                self.running.push(running);
+            }
+            if asked > heeded {
+                heeded = asked;
+                self.running.iter_mut().for_each(|running| if asked == 1 { interrupt(running) } else { kill(running) });
+            }
+            if read.is_none_or(|read| read.elapsed() >= READ_EVERY) {
+                read = Some(Instant::now());
+                self.running.iter_mut().for_each(|running| running.status = last_status(running).or(running.status));
+                display.update(&self.overview());
+            }
+            self.reap(asked > 0, display)?;
+            if self.running.is_empty() && (asked > 0 || waiting.peek().is_none()) {
+                display.update(&self.overview());
+                return Ok(());
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+
+    /// Takes the processes that have ended out of the running ones.
+    fn reap(&mut self, stopping: bool, display: &mut dyn OverviewDisplay) -> Result<(), TrainError> {
+        let mut i = 0;
+        while i < self.running.len() {
+            let running = &mut self.running[i];
+            let ended = running.child.try_wait().map_err(io_error("wait for", &running.member.run))?;
+            let Some(status) = ended else {
+                i += 1;
+                continue;
+            };
+            let running = self.running.swap_remove(i);
+            let ending = ending(&running, status, stopping)?;
+            display.note(&describe(running.member, &ending));
+            self.endings[running.position] = Some(ending);
+        }
+        Ok(())
+    }
+
+    fn overview(&self) -> Overview {
+        let status = |running: &Running<'_>| {
+            let (episodes, total) = (running.member.episodes_done(), running.member.episodes);
+            running.status.unwrap_or(Status { episodes, total, ..Status::default() })
+        };
+        let (mut episodes, mut remaining) = (0, 0);
+        let (mut complete, mut failed) = (0, 0);
+        for (member, ending) in self.members.iter().zip(&self.endings) {
+            let running = self.running.iter().find(|running| running.member == member);
+            let done = running.map_or(member.episodes_done(), |running| status(running).episodes);
+            match ending {
+                Some(Ending::WasComplete | Ending::Completed) => {
+                    complete += 1;
+                    episodes += member.episodes;
+                }
+                Some(Ending::Failed { .. }) => failed += 1,
+                Some(Ending::Stopped) | None => {
+                    episodes += done;
+                    remaining += member.episodes.saturating_sub(done);
+                }
+            }
+        }
+        let gained = episodes.saturating_sub(self.done_before);
+        let each = self.started.elapsed().as_secs_f64() / gained as f64;
+        Overview {
+            runs: self.members.len(),
+            complete,
+            failed,
+            episodes,
+            total: self.members.iter().map(|member| member.episodes).sum(),
+            left_s: (gained > 0).then(|| each * remaining as f64),
+            running: self
+                .running
+                .iter()
+                .map(|running| Progressing { name: running.member.name.clone(), status: status(running) })
+                .collect(),
+        }
+    }
+
+    /// Stops what still runs, after an error.
+    fn end(&mut self) {
+        self.running.iter_mut().for_each(interrupt);
+        for running in &mut self.running {
+            // The error that led here is the one to report.
+            let _ = running.child.wait();
+        }
+    }
+}
+
+fn start<'a>(
+    member: &'a Member,
+    position: usize,
+    command: &dyn Fn(&Member) -> Command,
+) -> Result<Running<'a>, TrainError> {
+    if member.state == State::New {
+        member.clear()?;
+    }
+    let log = OpenOptions::new().create(true).append(true).open(&member.log).map_err(io_error("open", &member.log))?;
+    let log_start = log.metadata().map_err(io_error("read", &member.log))?.len();
+    let second = log.try_clone().map_err(io_error("open", &member.log))?;
+    let mut command = command(member);
+    command.stdin(Stdio::null()).stdout(log).stderr(second);
+    // Ctrl-C on a terminal reaches every process of its group: the children are told by this one, and once.
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(&mut command, 0);
+    let child = command.spawn().map_err(io_error("start", Path::new(command.get_program())))?;
+    Ok(Running { member, position, child, log_start, status: None })
+}
+
+/// Asks a process to save and end.
+fn interrupt(running: &mut Running<'_>) {
+    #[cfg(unix)]
+    {
+        let pid = i32::try_from(running.child.id()).ok().and_then(rustix::process::Pid::from_raw);
+        // A process that has ended meanwhile is as it should be.
+        let _ = pid.map(|pid| rustix::process::kill_process(pid, rustix::process::Signal::INT));
+    }
+    #[cfg(not(unix))]
+    kill(running);
+}
+
+fn kill(running: &mut Running<'_>) {
+    // As above.
+    let _ = running.child.kill();
+}
+
+fn ending(running: &Running<'_>, status: ExitStatus, stopping: bool) -> Result<Ending, TrainError> {
+    if status.success() && state_of(&running.member.run)? == State::Complete {
+        return Ok(Ending::Completed);
+    }
+    if stopping {
+        return Ok(Ending::Stopped);
+    }
+    let text = tail(running).unwrap_or_default();
+    let mut lines: Vec<String> =
+        text.lines().filter(|line| !line.trim().is_empty() && Status::from_line(line).is_none()).map(str::to_owned).collect();
+    lines.drain(..lines.len().saturating_sub(SHOWN_LINES));
+    Ok(Ending::Failed { status: status.to_string(), lines })
+}
+
+fn verb(member: &Member) -> &'static str {
+    if member.state == State::New { "starts" } else { "goes on" }
+}
+
+fn describe(member: &Member, ending: &Ending) -> String {
+    match ending {
+        Ending::WasComplete | Ending::Completed => match Summary::read(&member.run) {
+            Ok(Some(Summary { success_rate: Some(rate), wall_s, .. })) => {
+                format!("{} is complete: success {:.1} %, {:.0} min", member.name, 100.0 * rate, wall_s / 60.0)
+            }
+            _ => format!("{} is complete", member.name),
+        },
+        Ending::Stopped => format!("{} is stopped", member.name),
+        Ending::Failed { status, lines } => {
+            let mut text = format!("{} failed ({status}); the end of {}:", member.name, member.log.display());
+            lines.iter().for_each(|line| text.push_str(&format!("\n  {line}")));
+            text
+        }
+    }
+}
+
+/// Returns the last progress that a process printed.
+fn last_status(running: &Running<'_>) -> Option<Status> {
+    tail(running).ok()?.lines().rev().find_map(Status::from_line)
+}
+
+/// Reads the end of what a process printed.
+fn tail(running: &Running<'_>) -> std::io::Result<String> {
+    let mut file = File::open(&running.member.log)?;
+    let length = file.metadata()?.len();
+    file.seek(SeekFrom::Start(running.log_start.max(length.saturating_sub(TAIL))))?;
+    let mut bytes = Vec::new();
+    file.read_to_end(&mut bytes)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}

@@ -1,0 +1,149 @@
+//! Reports on real runs, and on runs with something wrong.
+
+use std::path::{Path, PathBuf};
+
+use eigenhand_report::{Analysis, ReportError, interquartile_mean, read_runs, write};
+use tempfile::TempDir;
+
+use crate::support::{Run, gripper, tiny};
+
+/// Trains a tiny run with a lambda and a seed.
+fn trained(lambda: f64, seed: u64) -> Run {
+    let run = Run::new(gripper());
+    run.train(&tiny(&[&format!("lambda={lambda}"), &format!("seed={seed}")]));
+    run
+}
+
+fn read(run: &Run) -> Result<Vec<eigenhand_report::Run>, ReportError> {
+    read_runs(&[run.path.clone()])
+}
+
+fn text(path: &Path) -> String {
+    std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+}
+
+/// Returns the rows of a CSV file as cells, the header first.
+fn rows(path: &Path) -> Vec<Vec<String>> {
+    text(path).lines().map(|line| line.split(',').map(str::to_owned).collect()).collect()
+}
+
+fn files(directory: &Path) -> Vec<PathBuf> {
+    let mut found: Vec<PathBuf> = std::fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().path()).collect();
+    found.sort();
+    found
+}
+
+#[test]
+fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure() {
+    let all: Vec<Run> = [(0.0, 1), (0.0, 2), (1.0, 1), (1.0, 2), (1.0, 3)].map(|(l, s)| trained(l, s)).into();
+    let paths: Vec<PathBuf> = all.iter().map(|run| run.path.clone()).collect();
+    let runs = read_runs(&paths).unwrap();
+    let out = TempDir::new().unwrap();
+    let report = write(&runs, out.path()).unwrap();
+
+    let page = text(&report.page);
+    let resources = ["<script", "<link", "<img", "@import", "url(", "src=", "href="];
+    resources.iter().for_each(|word| assert!(!page.contains(word), "the page has {word}"));
+    assert!(page.contains("prefers-color-scheme: dark") && page.matches("<svg").count() > 3);
+    assert!(report.analysis.statements.iter().all(|sentence| page.contains(sentence.as_str())));
+
+    // Every figure as drawing, picture and numbers.
+    let figures = files(&out.path().join("figures"));
+    assert_eq!(figures.len() % 3, 0, "{figures:?}");
+    for path in figures.iter().filter(|path| path.extension().is_some_and(|e| e == "svg")) {
+        assert!(page.contains(text(path).split_once("<svg").unwrap().1), "{} is not in the page", path.display());
+        assert!(std::fs::read(path.with_extension("png")).unwrap().starts_with(b"\x89PNG"));
+        assert!(rows(&path.with_extension("csv")).len() > 1, "{}", path.display());
+    }
+
+    // The plotted success of lambda 0 is the median of what its two runs logged.
+    let plotted = rows(&out.path().join("figures/success-episodes.csv"));
+    let logged = |run: &Run, i: usize| run.metrics()[i]["success_rate"].parse::<f64>().unwrap();
+    for (i, row) in plotted.iter().skip(1).filter(|row| row[0] == "0").enumerate() {
+        let median = (logged(&all[0], i) + logged(&all[1], i)) / 2.0;
+        assert!((row[2].parse::<f64>().unwrap() - median).abs() < 1e-12, "{row:?}");
+        assert_eq!(row[5], "2");
+    }
+
+    // A row for each run, as its summary has it.
+    let table = rows(&out.path().join("runs.csv"));
+    assert_eq!(table[0][..7], ["lambda", "seed", "success_rate", "contribution_sum", "n_postures", "episodes", "wall_s"]);
+    for (row, run) in table[1..].iter().zip(&all) {
+        let summary: serde_json::Value = serde_json::from_slice(&run.bytes("summary.json")).unwrap();
+        assert_eq!(row[2].parse::<f64>().unwrap(), summary["success_rate"].as_f64().unwrap());
+        assert_eq!(row[4], summary["n_postures"].to_string());
+    }
+
+    // What is wrong with two runs against three is said.
+    let difference = report.analysis.differences.iter().find(|d| d.quantity.key() == "success_rate").unwrap();
+    assert!(difference.contrast.interval.is_none() && difference.statement.contains("no interval"), "{difference:?}");
+    let of_one: Vec<f64> = report.analysis.runs.iter().filter(|r| r.lambda == 1.0).filter_map(|r| r.success_rate).collect();
+    let estimate = &report.analysis.lambdas[1].quantities["success_rate"];
+    assert_eq!(Some(estimate.iqm), interquartile_mean(&of_one));
+    assert!(estimate.interval.is_some());
+
+    // Again over itself, with fewer runs: what is no longer so is gone.
+    write(&runs[..2], out.path()).unwrap();
+    assert!(!out.path().join("figures/contribution-l1.svg").exists());
+    assert_eq!(rows(&out.path().join("runs.csv")).len(), 3);
+}
+
+#[test]
+fn one_run_and_an_unfinished_one_are_worth_a_report() {
+    let run = trained(1.0, 1);
+    let runs = read(&run).unwrap();
+    let summary = runs[0].summary.clone().unwrap();
+    let mean = runs[0].errors.iter().sum::<f64>() / runs[0].errors.len() as f64;
+    assert!((mean - summary.mean_error_rad.unwrap()).abs() < 1e-9, "the errors are those that the run reports");
+    assert_eq!(runs[0].errors.len() as u64, summary.n_postures);
+    let report = write(&runs, &run.path.join("report")).unwrap();
+    assert!(report.analysis.notes.is_empty() && report.analysis.differences.is_empty());
+    assert!(report.analysis.statements[0].contains("in one run"), "{:?}", report.analysis.statements);
+
+    std::fs::remove_file(run.file("summary.json")).unwrap();
+    let analysis = Analysis::of(&read(&run).unwrap());
+    assert_eq!(analysis.runs[0].state, "unfinished");
+    assert!(analysis.notes[0].contains("is not finished (24 of 24"), "{:?}", analysis.notes);
+    assert!(analysis.lambdas[0].quantities.is_empty() && analysis.statements.is_empty());
+
+    // A run that has just begun has nothing to say.
+    std::fs::write(run.file("metrics.csv"), "").unwrap();
+    assert!(matches!(read(&run), Err(ReportError::NothingYet { .. })));
+}
+
+#[test]
+fn what_is_wrong_with_the_runs_is_said() {
+    let run = trained(1.0, 1);
+    let empty = TempDir::new().unwrap();
+    for path in [empty.path().to_owned(), empty.path().join("absent"), run.file("config.toml")] {
+        assert!(matches!(read_runs(std::slice::from_ref(&path)), Err(ReportError::NoRuns { path: named }) if named == path));
+    }
+
+    // A file beside a report that is none of its own is left alone.
+    std::fs::write(empty.path().join("mine.txt"), "mine").unwrap();
+    let refused = write(&read(&run).unwrap(), empty.path()).err().unwrap();
+    assert!(refused.is_usage() && matches!(refused, ReportError::OutExists { .. }), "{refused}");
+    assert_eq!(files(empty.path()).len(), 1);
+
+    let other = trained(0.0, 1);
+    let provenance = text(&other.file("provenance.toml")).replace("hand = \"gripper\"", "hand = \"claw\"");
+    std::fs::write(other.file("provenance.toml"), provenance).unwrap();
+    let mixed = read_runs(&[run.path.clone(), other.path.clone()]).err().unwrap();
+    assert!(mixed.is_usage() && mixed.to_string().contains("gripper") && mixed.to_string().contains("claw"), "{mixed}");
+
+    for (content, part) in [
+        ("", "no evaluation is in it"),
+        ("episode,success_rate\n", "no evaluation is in it"),
+        ("episode,success_rate\n8,many\n", "line 2: success_rate is \"many\""),
+        ("\u{0}\u{1}\n", "line 1"),
+    ] {
+        std::fs::write(run.file("metrics.csv"), content).unwrap();
+        let error = read(&run).err().unwrap().to_string();
+        assert!(error.contains("metrics.csv") && error.contains(part), "{content:?}: {error}");
+    }
+    std::fs::remove_file(run.file("metrics.csv")).unwrap();
+    std::fs::write(run.file("postures.sqlite"), "no database").unwrap();
+    assert!(read(&run).is_err());
+    std::fs::write(run.file("summary.json"), "{").unwrap();
+    assert!(read(&run).err().unwrap().to_string().contains("summary.json"));
+}
