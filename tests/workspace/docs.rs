@@ -164,9 +164,14 @@ fn the_hand_in_the_readme_is_one() {
 
 #[test]
 fn links_between_documents_lead_somewhere() {
-    for document in ["README.md", "ARCHITECTURE.md", "examples/python/README.md", "bench/peers/README.md"]
-        .into_iter()
-        .chain(["docs/algorithms.md", "docs/configuration.md", "docs/run-directory.md", "docs/hands.md", "docs/report.md"])
+    for document in
+        ["README.md", "ARCHITECTURE.md", "examples/python/README.md", "bench/peers/README.md"].into_iter().chain([
+            "docs/algorithms.md",
+            "docs/configuration.md",
+            "docs/run-directory.md",
+            "docs/hands.md",
+            "docs/report.md",
+        ])
     {
         let text = read(document);
         let directory = workspace().join(document).parent().unwrap().to_owned();

@@ -67,7 +67,10 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
 
     // A row for each run, as its summary has it.
     let table = rows(&out.path().join("runs.csv"));
-    assert_eq!(table[0][..7], ["lambda", "seed", "success_rate", "contribution_sum", "n_postures", "episodes", "wall_s"]);
+    assert_eq!(
+        table[0][..7],
+        ["lambda", "seed", "success_rate", "contribution_sum", "n_postures", "episodes", "wall_s"]
+    );
     for (row, run) in table[1..].iter().zip(&all) {
         let summary: serde_json::Value = serde_json::from_slice(&run.bytes("summary.json")).unwrap();
         assert_eq!(row[2].parse::<f64>().unwrap(), summary["success_rate"].as_f64().unwrap());
@@ -77,7 +80,8 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
     // What is wrong with two runs against three is said.
     let difference = report.analysis.differences.iter().find(|d| d.quantity.key() == "success_rate").unwrap();
     assert!(difference.contrast.interval.is_none() && difference.statement.contains("no interval"), "{difference:?}");
-    let of_one: Vec<f64> = report.analysis.runs.iter().filter(|r| r.lambda == 1.0).filter_map(|r| r.success_rate).collect();
+    let of_one: Vec<f64> =
+        report.analysis.runs.iter().filter(|r| r.lambda == 1.0).filter_map(|r| r.success_rate).collect();
     let estimate = &report.analysis.lambdas[1].quantities["success_rate"];
     assert_eq!(Some(estimate.iqm), interquartile_mean(&of_one));
     assert!(estimate.interval.is_some());
@@ -116,7 +120,9 @@ fn what_is_wrong_with_the_runs_is_said() {
     let run = trained(1.0, 1);
     let empty = TempDir::new().unwrap();
     for path in [empty.path().to_owned(), empty.path().join("absent"), run.file("config.toml")] {
-        assert!(matches!(read_runs(std::slice::from_ref(&path)), Err(ReportError::NoRuns { path: named }) if named == path));
+        assert!(
+            matches!(read_runs(std::slice::from_ref(&path)), Err(ReportError::NoRuns { path: named }) if named == path)
+        );
     }
 
     // A file beside a report that is none of its own is left alone.

@@ -214,11 +214,7 @@ impl Args {
     }
 }
 
-fn names<'a>(
-    reproduction: &'a Reproduction,
-    endings: &[Ending],
-    chosen: impl Fn(&Ending) -> bool,
-) -> Vec<&'a str> {
+fn names<'a>(reproduction: &'a Reproduction, endings: &[Ending], chosen: impl Fn(&Ending) -> bool) -> Vec<&'a str> {
     let pairs = reproduction.members.iter().zip(endings);
     pairs.filter(|(_, ending)| chosen(ending)).map(|(member, _)| member.name.as_str()).collect()
 }

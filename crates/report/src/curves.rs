@@ -40,14 +40,15 @@ impl Band {
     }
 
     /// Joins curves that have points at places of their own, by straight lines between them: from the latest beginning of
-    /// a curve to the latest end, over the curves that reach so far.
+    /// a curve to where less than half of the curves reach, over those that do.
     pub fn interpolated(curves: &[Vec<(f64, f64)>]) -> Band {
         let filled = || curves.iter().filter(|curve| !curve.is_empty());
         let start = filled().map(|curve| curve[0].0).fold(f64::NEG_INFINITY, f64::max);
-        let end = filled().map(|curve| curve[curve.len() - 1].0).fold(f64::NEG_INFINITY, f64::max);
-        if !(start.is_finite() && end >= start) {
+        let mut ends: Vec<f64> = filled().map(|curve| curve[curve.len() - 1].0).collect();
+        ends.sort_by(f64::total_cmp);
+        let Some(&end) = ends.get(ends.len() / 2).filter(|end| start.is_finite() && **end >= start) else {
             return Band::default();
-        }
+        };
         let place = |i: usize| start + (end - start) * i as f64 / (TIMES - 1) as f64;
         let at = |x: f64| filled().filter_map(|curve| interpolate(curve, x)).collect();
         Band { points: (0..TIMES).map(place).filter_map(|x| BandPoint::of(x, at(x))).collect() }
@@ -96,10 +97,13 @@ mod tests {
 
     #[test]
     fn curves_are_joined_by_straight_lines() {
-        let band = Band::interpolated(&[vec![(0.0, 0.0), (10.0, 1.0)], vec![(5.0, 0.0), (20.0, 0.3)], vec![]]);
+        let curves = [vec![(0.0, 0.0), (10.0, 1.0)], vec![(5.0, 0.0), (20.0, 0.3)], vec![]];
+        let band = Band::interpolated(&curves);
         let (first, last) = (band.points[0], band.points[TIMES - 1]);
         assert_eq!(first, BandPoint { x: 5.0, median: 0.25, min: 0.0, max: 0.5, n_runs: 2 });
         assert_eq!(last, BandPoint { x: 20.0, median: 0.3, min: 0.3, max: 0.3, n_runs: 1 });
+        let third = Band::interpolated(&[curves[0].clone(), curves[1].clone(), vec![(0.0, 1.0), (8.0, 1.0)]]);
+        assert_eq!(third.end(), Some(10.0), "beyond it there is less than half of the curves");
         assert_eq!(Band::interpolated(&[vec![]]), Band::default());
     }
 }

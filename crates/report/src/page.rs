@@ -3,7 +3,7 @@
 use eigenhand_train::Settings;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::analysis::{Analysis, LEVELS, Quantity, RunRecord};
+use crate::analysis::{Analysis, DifferenceRecord, LEVELS, Quantity, RunRecord};
 use crate::figures::Figure;
 use crate::run::Run;
 use crate::statements::differing_settings;
@@ -34,6 +34,8 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
                     @if analysis.statements.is_empty() { p { "No run is complete yet." } }
                     ul { @for statement in &analysis.statements { li { (statement) } } }
                     (lambda_table(analysis))
+                    (differences_table(analysis))
+                    h2 { "Figures" }
                     @for figure in figures { (drawing(figure)) }
                     (objects_table(analysis))
                     (levels_table(analysis))
@@ -58,7 +60,10 @@ fn title(analysis: &Analysis) -> String {
 fn subtitle(analysis: &Analysis) -> String {
     let complete = analysis.runs.iter().filter(|run| run.is_complete()).count();
     let runs = if analysis.runs.len() == 1 { "run" } else { "runs" };
-    format!("{} {runs}, {complete} complete. Numbers: runs.csv, lambdas.csv, report.json, and a CSV beside every figure.", analysis.runs.len())
+    format!(
+        "{} {runs}, {complete} complete. Numbers: runs.csv, lambdas.csv, report.json, and a CSV beside every figure.",
+        analysis.runs.len()
+    )
 }
 
 fn drawing(figure: &Figure) -> Markup {
@@ -103,27 +108,33 @@ fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", factor * value))
 }
 
+/// Name with unit, factor from the files' unit, and digits.
+fn quantity(quantity: Quantity) -> (&'static str, f64, usize) {
+    match quantity {
+        Quantity::SuccessRate => ("final success (%)", 100.0, 1),
+        Quantity::ContributionSum => ("sum of contribution rates (%)", 100.0, 1),
+        Quantity::ContributionChange => ("change of that sum along training (points)", 100.0, 1),
+        Quantity::MeanErrorRad => ("mean approximation error (rad)", 1.0, 3),
+        Quantity::NPostures => ("postures", 1.0, 0),
+        Quantity::MeanPenetrationM => ("mean penetration (mm)", 1000.0, 2),
+        Quantity::WallS => ("wall time (min)", 1.0 / 60.0, 1),
+    }
+}
+
 fn lambda_table(analysis: &Analysis) -> Markup {
-    let rows = |quantity: Quantity| {
-        let (name, factor, digits) = match quantity {
-            Quantity::SuccessRate => ("final success (%)", 100.0, 1),
-            Quantity::ContributionSum => ("sum of contribution rates (%)", 100.0, 1),
-            Quantity::ContributionChange => ("its change along training (points)", 100.0, 1),
-            Quantity::MeanErrorRad => ("mean approximation error (rad)", 1.0, 3),
-            Quantity::NPostures => ("postures", 1.0, 0),
-            Quantity::MeanPenetrationM => ("mean penetration (mm)", 1000.0, 2),
-            Quantity::WallS => ("wall time (min)", 1.0 / 60.0, 1),
+    let rows =
+        |which: Quantity| {
+            let (name, factor, digits) = quantity(which);
+            let mut row = vec![name.to_owned()];
+            for lambda in &analysis.lambdas {
+                let found = lambda.quantities.get(which.key());
+                row.push(estimate(found, factor, digits));
+                row.push(found.map_or_else(String::new, |e| {
+                    format!("{:.digits$} to {:.digits$}", factor * e.min, factor * e.max)
+                }));
+            }
+            row
         };
-        let mut row = vec![name.to_owned()];
-        for lambda in &analysis.lambdas {
-            let found = lambda.quantities.get(quantity.key());
-            row.push(estimate(found, factor, digits));
-            row.push(found.map_or_else(String::new, |e| {
-                format!("{:.digits$} to {:.digits$}", factor * e.min, factor * e.max)
-            }));
-        }
-        row
-    };
     let mut body: Vec<Vec<String>> = Quantity::ALL.map(rows).to_vec();
     let n_components = analysis.lambdas.iter().map(|lambda| lambda.contribution.len()).max().unwrap_or(0);
     for i in 0..n_components {
@@ -144,6 +155,28 @@ fn lambda_table(analysis: &Analysis) -> Markup {
         (table(&header, &body))
         p.soft { "Interquartile mean over the complete runs, with its 95 % bootstrap interval in brackets." }
     }
+}
+
+fn differences_table(analysis: &Analysis) -> Markup {
+    if analysis.differences.is_empty() {
+        return html! {};
+    }
+    let header = words(&["difference", "from \u{3bb}", "to \u{3bb}", "by", "95 % interval", "excludes zero"]);
+    let row = |record: &DifferenceRecord| {
+        let (name, factor, digits) = quantity(record.quantity);
+        let number = |value: f64| format!("{:+.digits$}", factor * value);
+        let interval = record.contrast.interval;
+        let excludes = record.contrast.excludes_zero().map(|excludes| if excludes { "yes" } else { "no" });
+        vec![
+            name.to_owned(),
+            record.baseline.to_string(),
+            record.lambda.to_string(),
+            number(record.contrast.difference),
+            interval.map_or_else(|| "-".to_owned(), |[low, high]| format!("{} to {}", number(low), number(high))),
+            excludes.unwrap_or("-").to_owned(),
+        ]
+    };
+    table(&header, &analysis.differences.iter().map(row).collect::<Vec<_>>())
 }
 
 fn objects_table(analysis: &Analysis) -> Markup {
@@ -190,7 +223,8 @@ fn levels_table(analysis: &Analysis) -> Markup {
 }
 
 fn runs_table(analysis: &Analysis) -> Markup {
-    let mut header = words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % of episodes", "sum of contribution (%)"]);
+    let mut header =
+        words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % of episodes", "sum of contribution (%)"]);
     header.extend(words(&["mean error (rad)", "postures", "episodes", "wall time (min)"]));
     header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
     let row = |run: &RunRecord| {
@@ -221,7 +255,8 @@ fn runs_table(analysis: &Analysis) -> Markup {
 fn settings(runs: &[Run]) -> Markup {
     let differing = differing_settings(runs);
     let common: Vec<(&String, &String)> = runs.first().map_or_else(Vec::new, |run| {
-        let of_all = |key: &String| !differing.contains_key(key) && !["lambda", "seed", "workers"].contains(&key.as_str());
+        let of_all =
+            |key: &String| !differing.contains_key(key) && !["lambda", "seed", "workers"].contains(&key.as_str());
         run.settings.iter().filter(|(key, _)| of_all(key)).collect()
     });
     let header: Vec<String> =
@@ -251,22 +286,27 @@ fn common_table(settings: &Settings) -> Markup {
     }
 }
 
+/// One row for all runs that were made with the same.
 fn provenance(runs: &[Run]) -> Markup {
-    let header = words(&["run", "program", "revision", "MuJoCo", "platform", "processors", "hand's digest"]);
+    let header = words(&["runs", "program", "revision", "MuJoCo", "platform", "processors", "hand's digest"]);
     let start = |text: &str| text.chars().take(12).collect::<String>();
-    let row = |run: &Run| {
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    for run in runs {
         let made = &run.provenance;
-        vec![
-            run.name.clone(),
+        let with = vec![
             made.eigenhand_version.clone(),
             format!("{}{}", start(&made.git_revision), if made.git_revision.ends_with('+') { "+" } else { "" }),
             made.mujoco_version.clone(),
             made.platform.clone(),
             made.processors.to_string(),
             start(&made.hand_digest),
-        ]
-    };
-    table(&header, &runs.iter().map(row).collect::<Vec<_>>())
+        ];
+        match rows.iter_mut().find(|row| row[1..] == with[..]) {
+            Some(row) => row[0].push_str(&format!(", {}", run.name)),
+            None => rows.push(std::iter::once(run.name.clone()).chain(with).collect()),
+        }
+    }
+    table(&header, &rows)
 }
 
 fn method() -> Markup {

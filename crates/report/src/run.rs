@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError};
 use eigenhand_train::config::ConfigError;
 use eigenhand_train::{
-    DATABASE, MetricsTable, Provenance, Settings, Summary, TrainError, is_run, read_provenance, read_settings, reproduce,
+    DATABASE, MetricsTable, Provenance, Settings, Summary, TrainError, is_run, read_provenance, read_settings,
+    reproduce,
 };
 
 use crate::ReportError;
@@ -121,9 +122,7 @@ pub fn read_runs(paths: &[PathBuf]) -> Result<Vec<Run>, ReportError> {
         new
     });
     let mut runs = directories.iter().map(|path| Run::read(path)).collect::<Result<Vec<_>, _>>()?;
-    runs.sort_by(|a, b| {
-        a.lambda.total_cmp(&b.lambda).then(a.seed.cmp(&b.seed)).then(a.name.cmp(&b.name))
-    });
+    runs.sort_by(|a, b| a.lambda.total_cmp(&b.lambda).then(a.seed.cmp(&b.seed)).then(a.name.cmp(&b.name)));
     check_hands(&runs)?;
     if runs.iter().all(|run| run.metrics.is_empty() && run.result().is_none()) {
         let verb = if runs.len() == 1 { "the run has" } else { "the runs have" };

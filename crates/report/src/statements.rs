@@ -8,7 +8,7 @@ use crate::analysis::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
 use crate::run::Run;
 use crate::stats::FEWEST;
 
-/// Seeds below which an interval is said to rest on few.
+/// Runs below which an interval is said to rest on few.
 const FEW: usize = 10;
 /// Settings that runs of one report differ in by design.
 const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
@@ -57,13 +57,13 @@ pub fn difference(record: &DifferenceRecord) -> String {
     let size = format!("{} {}", words.signed(contrast.difference), words.unit_of_difference());
     let head = format!(
         "From lambda {baseline} ({}) to lambda {lambda} ({}), {} differs by {size}",
-        seeds(*n_baseline),
-        seeds(*n),
+        counted(*n_baseline, "run"),
+        counted(*n, "run"),
         words.name
     );
     let (Some([low, high]), Some(excludes)) = (contrast.interval, contrast.excludes_zero()) else {
         return format!(
-            "{head}. With fewer than {FEWEST} seeds on a side there is no interval, and nothing can be said about the \
+            "{head}. With fewer than {FEWEST} runs on a side there is no interval, and nothing can be said about the \
              difference beyond these runs."
         );
     };
@@ -75,8 +75,7 @@ pub fn difference(record: &DifferenceRecord) -> String {
     } else {
         format!("excludes zero: these runs support that it is smaller with lambda {lambda}")
     };
-    let few = if *n.min(n_baseline) < FEW { " With so few seeds the true interval is wider than this one." } else { "" };
-    format!("{head}; the 95 % interval, {low} to {high}, {verdict}.{few}")
+    format!("{head}; the 95 % interval, {low} to {high}, {verdict}.")
 }
 
 /// Says what the runs of each lambda reached, and what differs between lambdas.
@@ -84,6 +83,13 @@ pub fn all(analysis: &Analysis) -> Vec<String> {
     let mut sentences: Vec<String> = analysis.lambdas.iter().filter_map(level).collect();
     sentences.extend(analysis.lambdas.iter().filter_map(|lambda| trend(analysis, lambda)));
     sentences.extend(analysis.differences.iter().map(|record| record.statement.clone()));
+    let few = |lambda: &LambdaRecord| (FEWEST..FEW).contains(&lambda.n_complete);
+    if analysis.lambdas.iter().any(few) {
+        sentences.push(format!(
+            "An interval over fewer than {FEW} runs is narrower than it should be, as it knows only what happened in them: \
+             one that barely excludes zero supports little."
+        ));
+    }
     sentences
 }
 
@@ -100,7 +106,10 @@ fn level(lambda: &LambdaRecord) -> Option<String> {
         Some([low, high]) => format!(", 95 % interval {} to {}", words.number(low), words.number(high)),
         None => String::new(),
     };
-    Some(format!("{head} (interquartile mean over {}{interval}); the seeds lie between {least} and {most} %.", seeds(estimate.n)))
+    Some(format!(
+        "{head} (interquartile mean over {}{interval}); the runs lie between {least} and {most} %.",
+        counted(estimate.n, "run")
+    ))
 }
 
 /// Says whether the contribution rates rise or fall along training, which is the paper's other observation.
@@ -115,14 +124,20 @@ fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
         return None;
     }
     let rising = changes.iter().filter(|change| **change > 0.0).count();
+    let (n, falling) = (changes.len(), changes.len() - rising);
+    let direction = match (rising, falling) {
+        (1, 0) => "rises in the one run".to_owned(),
+        (0, 1) => "falls in the one run".to_owned(),
+        (_, 0) => format!("rises in all {n} runs"),
+        (0, _) => format!("falls in all {n} runs"),
+        _ => format!("rises in {rising} and falls in {falling} of {n} runs"),
+    };
     let words = Words::of(Quantity::ContributionChange);
     let change = words.signed(lambda.quantities.get(Quantity::ContributionChange.key())?.iqm);
     Some(format!(
-        "With lambda {}, the sum of the contribution rates rises in {rising} and falls in {} of {} from the first evaluation \
-         with enough postures for the penalty to the last ({change} points, interquartile mean).",
+        "With lambda {}, the sum of the contribution rates {direction} from the first evaluation with enough postures for the \
+         penalty to the last ({change} points, interquartile mean).",
         lambda.lambda,
-        changes.len() - rising,
-        counted(changes.len(), "run")
     ))
 }
 
@@ -137,15 +152,15 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
             run.name, run.episodes
         ));
     }
-    let mut seen: BTreeMap<(String, u64), &str> = BTreeMap::new();
+    let mut twins: BTreeMap<(String, u64), Vec<&str>> = BTreeMap::new();
     for run in runs {
-        let (lambda, seed) = (run.lambda, run.seed);
-        if let Some(other) = seen.insert((lambda.to_string(), seed), &run.name) {
-            notes.push(format!(
-                "{other} and {} both have lambda {lambda} and seed {seed}: they are not independent of one another.",
-                run.name
-            ));
-        }
+        twins.entry((run.lambda.to_string(), run.seed)).or_default().push(&run.name);
+    }
+    for ((lambda, seed), names) in twins.into_iter().filter(|(_, names)| names.len() > 1) {
+        notes.push(format!(
+            "{} all have lambda {lambda} and seed {seed}: they are not independent of one another.",
+            names.join(", ")
+        ));
     }
     let differing = differing_settings(runs);
     if !differing.is_empty() {
@@ -182,10 +197,56 @@ pub fn differing_settings(runs: &[Run]) -> BTreeMap<String, Vec<String>> {
         .collect()
 }
 
-fn seeds(n: usize) -> String {
-    counted(n, "seed")
-}
-
 fn counted(n: usize, what: &str) -> String {
     if n == 1 { format!("{n} {what}") } else { format!("{n} {what}s") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::stats::Contrast;
+
+    fn statement(difference: f64, interval: Option<[f64; 2]>) -> String {
+        super::difference(&DifferenceRecord {
+            quantity: Quantity::SuccessRate,
+            baseline: 0.0,
+            lambda: 0.5,
+            n_runs: [5, 1],
+            contrast: Contrast { difference, interval },
+            statement: String::new(),
+        })
+    }
+
+    #[test]
+    fn a_sentence_says_what_the_interval_supports() {
+        let head = "From lambda 0 (5 runs) to lambda 0.5 (1 run), final success differs by ";
+        for (difference, interval, rest) in [
+            (
+                0.0312,
+                Some([0.01, 0.052]),
+                "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero: these \
+                                           runs support that it is greater with lambda 0.5.",
+            ),
+            (
+                -0.0312,
+                Some([-0.05, -0.001]),
+                "\u{2212}3.1 percentage points; the 95 % interval, \u{2212}5.0 to \u{2212}0.1, \
+                                              excludes zero: these runs support that it is smaller with lambda 0.5.",
+            ),
+            (
+                0.0312,
+                Some([-0.01, 0.05]),
+                "+3.1 percentage points; the 95 % interval, \u{2212}1.0 to +5.0, contains zero: \
+                                           these runs do not show a difference, and do not show that there is none.",
+            ),
+            (
+                0.0,
+                None,
+                "+0.0 percentage points. With fewer than 3 runs on a side there is no interval, and nothing can be \
+                         said about the difference beyond these runs.",
+            ),
+        ] {
+            assert_eq!(statement(difference, interval), format!("{head}{rest}"));
+        }
+    }
 }

@@ -204,7 +204,10 @@ mod tests {
         assert_eq!((a.estimate(1), a.contrast(0, 1)), (b.estimate(1), b.contrast(0, 1)));
         let same = both([&FIVE, &FIVE]).contrast(0, 1).expect("values");
         let [low, high] = same.interval.expect("enough values");
-        assert!(same.difference == 0.0 && low < -0.05 && high > 0.05, "the groups are resampled apart: {low} to {high}");
+        assert!(
+            same.difference == 0.0 && low < -0.05 && high > 0.05,
+            "the groups are resampled apart: {low} to {high}"
+        );
     }
 
     #[test]

@@ -94,11 +94,7 @@ pub fn lambdas(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
     write(LAMBDAS, &header.map(str::to_owned), rows)
 }
 
-fn write(
-    name: &str,
-    header: &[String],
-    rows: impl IntoIterator<Item = Vec<String>>,
-) -> Result<Vec<u8>, ReportError> {
+fn write(name: &str, header: &[String], rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>, ReportError> {
     let failed = ReportError::draw(name);
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(header).map_err(|error| failed(error.to_string()))?;

@@ -30,8 +30,7 @@ impl RunConfig {
 pub fn read_settings(run: &Path) -> Result<Settings, TrainError> {
     require_run(run)?;
     let path = run.join(CONFIG);
-    let text =
-        std::fs::read_to_string(&path).map_err(|source| ConfigError::Read { path: path.clone(), source })?;
+    let text = std::fs::read_to_string(&path).map_err(|source| ConfigError::Read { path: path.clone(), source })?;
     Ok(parse(&path.display().to_string(), &text)?)
 }
 

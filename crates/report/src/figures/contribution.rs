@@ -34,13 +34,18 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     for (lambda, panel) in &panels {
         let name = format!("contribution-l{lambda}");
         let svg = draw(&name, SIZE, |area| panel.draw(area, end, true))?;
-        figures.push(figure(name, format!("Contribution rates and success, \u{3bb} = {lambda}"), svg, &[(*lambda, panel)])?);
+        figures.push(figure(
+            name,
+            format!("Contribution rates and success, \u{3bb} = {lambda}"),
+            svg,
+            &[(*lambda, panel)],
+        )?);
     }
     if panels.len() > 1 {
         let name = "contribution".to_owned();
         let columns = panels.len().min(2);
         let rows = panels.len().div_ceil(columns);
-        let svg = draw(&name, (SIZE.0 * columns as u32 * 3 / 4, SIZE.1 * rows as u32), |area| {
+        let svg = draw(&name, (SIZE.0 * columns as u32 * 4 / 5, SIZE.1 * rows as u32), |area| {
             let areas = area.split_evenly((rows, columns));
             areas.iter().zip(&panels).try_for_each(|(area, (_, panel))| panel.draw(area, end, true))
         })?;
@@ -52,8 +57,8 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
 
 fn figure(name: String, title: String, svg: String, panels: &[(f64, &Panel)]) -> Result<Figure, ReportError> {
     let caption = "Bars: contribution rate of each principal component of the postures so far, the first at the bottom \
-                   (median over the seeds). Line: success rate of the evaluation (median over the seeds); band: from the \
-                   lowest seed to the highest.";
+                   (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
+                   lowest run to the highest.";
     Ok(Figure { csv: Panel::numbers(&name, panels)?, name, title, caption: caption.to_owned(), svg })
 }
 
@@ -77,7 +82,7 @@ impl Panel {
         if legend {
             let name = |i| if i == 0 { "component 1".to_owned() } else { format!("{}", i + 1) };
             entries.extend((0..self.rates.len()).map(|i| (Key::Square(component_color(i)), name(i))));
-            entries.push((Key::Ink, "success".to_owned()));
+            entries.push((Key::Ink, "success, median and range".to_owned()));
         }
         let rest = head(area, &self.label, &entries)?;
         let spacing = self.spacing();
@@ -120,7 +125,8 @@ impl Panel {
 
     fn numbers(name: &str, panels: &[(f64, &Panel)]) -> Result<Vec<u8>, ReportError> {
         let quantities = |panel: &Panel| {
-            let rates = panel.rates.iter().enumerate().map(|(i, band)| (format!("contribution_{}", i + 1), band.clone()));
+            let rates =
+                panel.rates.iter().enumerate().map(|(i, band)| (format!("contribution_{}", i + 1), band.clone()));
             let mut all = vec![("success_rate".to_owned(), panel.success.clone())];
             all.extend(rates);
             all.push(("contribution_sum".to_owned(), panel.sum.clone()));
@@ -130,7 +136,15 @@ impl Panel {
             quantities(panel).into_iter().flat_map(move |(quantity, band)| {
                 band.points.into_iter().map(move |p| {
                     let quantity = Cell::Text(quantity.clone());
-                    vec![(*lambda).into(), quantity, p.x.into(), p.median.into(), p.min.into(), p.max.into(), p.n_runs.into()]
+                    vec![
+                        (*lambda).into(),
+                        quantity,
+                        p.x.into(),
+                        p.median.into(),
+                        p.min.into(),
+                        p.max.into(),
+                        p.n_runs.into(),
+                    ]
                 })
             })
         });

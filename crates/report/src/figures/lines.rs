@@ -33,7 +33,7 @@ struct Plot {
     marked: bool,
 }
 
-const BAND: &str = "Line: median over the seeds; band: from the lowest seed to the highest.";
+const BAND: &str = "Line: median over the runs; band: from the lowest run to the highest.";
 
 /// Draws success, contribution and error along training, and the distribution of the error.
 pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
@@ -112,7 +112,7 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
         name: "error-distribution",
         title: "Distribution of the approximation error",
         caption: "Share of the postures in a run's database whose distance from the space of the run's components is at most \
-                  so much. Line: median over the seeds; band: from the lowest seed to the highest.",
+                  so much. Line: median over the runs; band: from the lowest run to the highest.",
         x_name: "approximation error e (rad)",
         x_column: "error_rad",
         y_name: "share of postures (%)",
@@ -177,7 +177,8 @@ impl Plot {
             let line: Vec<(f64, f64)> = band.points.iter().map(|p| (p.x * sx, p.median * sy)).collect();
             plot.draw(&PathElement::new(line.clone(), series_color(i).stroke_width(fine(2.2))))?;
             if self.marked {
-                let screen = plot.use_screen_coord();
+                // The whole area, as a mark at the end of an axis reaches beyond the plot.
+                let screen = rest.use_screen_coord();
                 for point in &line {
                     marker(&screen, i, plot.map_coordinate(point), 3.6, true)?;
                 }

@@ -37,11 +37,15 @@ pub(crate) struct Group<'a> {
 }
 
 impl Group<'_> {
-    /// `lambda = 1 (5 seeds)`
+    /// Names the lambda in a legend, with the number of runs.
     pub fn label(&self) -> String {
-        let n = self.runs.len();
-        format!("\u{3bb} = {} ({n} {})", self.lambda, if n == 1 { "seed" } else { "seeds" })
+        label(self.lambda, self.runs.len())
     }
+}
+
+/// `lambda = 1 (5 runs)`
+pub(crate) fn label(lambda: f64, n_runs: usize) -> String {
+    format!("\u{3bb} = {lambda} ({n_runs} {})", if n_runs == 1 { "run" } else { "runs" })
 }
 
 /// Draws every figure for which there are numbers.
@@ -67,7 +71,11 @@ fn groups(runs: &[Run]) -> Vec<Group<'_>> {
 }
 
 /// Writes rows of numbers as CSV; a number that is not finite is left empty.
-pub(crate) fn csv(name: &str, header: &[&str], rows: impl IntoIterator<Item = Vec<Cell>>) -> Result<Vec<u8>, ReportError> {
+pub(crate) fn csv(
+    name: &str,
+    header: &[&str],
+    rows: impl IntoIterator<Item = Vec<Cell>>,
+) -> Result<Vec<u8>, ReportError> {
     let failed = ReportError::draw(name);
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(header).map_err(|error| failed(error.to_string()))?;

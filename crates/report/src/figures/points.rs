@@ -1,11 +1,11 @@
 //! Results of single runs as points, with what they come to together.
 
 use plotters::element::PathElement;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::Color;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::canvas::{Area, Axes, Drawn, INK, Key, draw, fine, head, marker, round_up, series_color, text};
-use super::{Cell, Figure, csv};
+use super::{Cell, Figure, csv, label};
 use crate::ReportError;
 use crate::analysis::{Analysis, RunRecord};
 use crate::stats::Estimate;
@@ -23,7 +23,7 @@ struct Column {
     estimate: Estimate,
 }
 
-/// Draws success for each object, and the results over the seeds.
+/// Draws success for each object, and the results over the runs.
 pub fn figures(analysis: &Analysis) -> Result<Vec<Figure>, ReportError> {
     let mut figures = Vec::new();
     figures.extend(results(analysis)?);
@@ -57,15 +57,23 @@ fn objects(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
     let name = "objects";
     let svg = draw(name, OBJECTS_SIZE, |area| {
         let rest = head(area, "Success for each object", &legend(analysis))?;
-        Categories { names: &objects, columns: &columns, y_name: "success rate (%)", factor: 100.0, digits: 0, top: Some(100.0) }
-            .draw(&rest, analysis.lambdas.len())
+        Categories {
+            names: &objects,
+            columns: &columns,
+            y_name: "success rate (%)",
+            factor: 100.0,
+            digits: 0,
+            top: Some(100.0),
+        }
+        .draw(&rest, analysis.lambdas.len())
     })?;
     Ok(Some(Figure {
         name: name.to_owned(),
         title: "Success for each object".to_owned(),
-        caption: "Final evaluation. Small marks: one seed each; large marks: interquartile mean, with its 95 % bootstrap \
+        caption:
+            "Final evaluation. Small marks: one run each; large marks: interquartile mean, with its 95 % bootstrap \
                   interval."
-            .to_owned(),
+                .to_owned(),
         svg,
         csv: numbers(name, "object", &columns)?,
     }))
@@ -98,7 +106,9 @@ fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
     let name = "results";
     let svg = draw(name, (RESULT_SIZE.0 * panels.len() as u32, RESULT_SIZE.1), |area| {
         let rest = head(area, "Results of the complete runs", &[])?;
-        for (area, ((_, y_name, factor, digits, top, _), columns)) in rest.split_evenly((1, panels.len())).iter().zip(&drawn) {
+        for (area, ((_, y_name, factor, digits, top, _), columns)) in
+            rest.split_evenly((1, panels.len())).iter().zip(&drawn)
+        {
             Categories { names: &names, columns, y_name, factor: *factor, digits: *digits, top: *top }.draw(area, 1)?;
         }
         Ok(())
@@ -110,9 +120,10 @@ fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
     Ok(Some(Figure {
         name: name.to_owned(),
         title: "Results of the complete runs".to_owned(),
-        caption: "Small marks: one seed each; large marks: interquartile mean, with its 95 % bootstrap interval where there \
-                  are enough seeds."
-            .to_owned(),
+        caption:
+            "Small marks: one run each; large marks: interquartile mean, with its 95 % bootstrap interval where there \
+                  are enough runs."
+                .to_owned(),
         svg,
         csv: csv(name, &header("quantity"), csv_rows)?,
     }))
@@ -120,8 +131,7 @@ fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
 
 fn legend(analysis: &Analysis) -> Vec<(Key, String)> {
     let entry = |(i, lambda): (usize, &crate::analysis::LambdaRecord)| {
-        let seeds = if lambda.n_complete == 1 { "seed" } else { "seeds" };
-        (Key::Series(i), format!("\u{3bb} = {} ({} {seeds})", lambda.lambda, lambda.n_complete))
+        (Key::Series(i), label(lambda.lambda, lambda.n_complete))
     };
     analysis.lambdas.iter().enumerate().filter(|(_, lambda)| lambda.n_complete > 0).map(entry).collect()
 }
@@ -131,7 +141,8 @@ fn header(first: &str) -> [&str; 8] {
 }
 
 fn numbers(name: &str, first: &str, columns: &[Column]) -> Result<Vec<u8>, ReportError> {
-    let all: Vec<Vec<Cell>> = columns.iter().flat_map(|column| rows(&column.category, std::slice::from_ref(column))).collect();
+    let all: Vec<Vec<Cell>> =
+        columns.iter().flat_map(|column| rows(&column.category, std::slice::from_ref(column))).collect();
     csv(name, &header(first), all)
 }
 
@@ -178,7 +189,8 @@ impl Categories<'_> {
         };
         let chart = axes.draw_named(area)?;
         let plot = chart.plotting_area();
-        let screen = plot.use_screen_coord();
+        // The whole area, as a mark at the end of an axis reaches beyond the plot.
+        let screen = area.use_screen_coord();
         let at = |x: f64, y: f64| plot.map_coordinate(&(x, y));
         let style = text(13.0).pos(Pos::new(HPos::Center, VPos::Top));
         // Text, unlike shapes, is placed from the corner of its area also where coordinates are those of the screen.
@@ -193,11 +205,12 @@ impl Categories<'_> {
             let x = place as f64 + (slot + 1.0) / (side_by_side as f64 + 1.0);
             let width = 1.0 / (side_by_side as f64 + 1.0);
             for (i, (_, value)) in column.values.iter().enumerate() {
-                // Seeds stand a little beside one another, as equal values would hide each other.
-                let spread = (i as f64 + 0.5) / column.values.len() as f64 - 0.5;
-                marker(&screen, column.series, at(x + 0.55 * width * spread, value * self.factor), 2.8, false)?;
+                // Runs stand beside one another and beside their mean, as they would hide each other.
+                let beside = 0.06 + 0.38 * (i as f64 + 0.5) / column.values.len() as f64;
+                marker(&screen, column.series, at(x + beside * width, value * self.factor), 2.6, false)?;
             }
             let mean = column.estimate.iqm * self.factor;
+            let x = x - 0.14 * width;
             if let Some([low, high]) = column.estimate.interval {
                 let bar = vec![(x, low * self.factor), (x, high * self.factor)];
                 plot.draw(&PathElement::new(bar, series_color(column.series).stroke_width(fine(2.4))))?;

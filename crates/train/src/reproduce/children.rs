@@ -12,7 +12,6 @@ use crate::progress::Status;
 use crate::reproduce::{Member, Overview, OverviewDisplay, Progressing, Reproduction, State, state_of};
 use crate::{Summary, TrainError};
 
-
 /// Time between two looks at the processes.
 const POLL: Duration = Duration::from_millis(100);
 /// Time between two looks at what they printed.
@@ -243,8 +242,11 @@ fn ending(running: &Running<'_>, status: ExitStatus, stopping: bool) -> Result<E
         return Ok(Ending::Stopped);
     }
     let text = tail(running).unwrap_or_default();
-    let mut lines: Vec<String> =
-        text.lines().filter(|line| !line.trim().is_empty() && Status::from_line(line).is_none()).map(str::to_owned).collect();
+    let mut lines: Vec<String> = text
+        .lines()
+        .filter(|line| !line.trim().is_empty() && Status::from_line(line).is_none())
+        .map(str::to_owned)
+        .collect();
     lines.drain(..lines.len().saturating_sub(SHOWN_LINES));
     Ok(Ending::Failed { status: status.to_string(), lines })
 }
