@@ -142,6 +142,8 @@ fn measure(
 ) -> Result<LearnerSpeed, TrainError> {
     let flop = matrix_flop(&config, shape);
     let batch = config.batch_size;
+    // The peers' networks have no layer normalisation.
+    let like_peers = DdpgConfig { critic_layer_norm: false, ..config.clone() };
     let mut bench = Bench::new(config, shape)?;
     let (a, b) = (vec![0.5f32; SQUARE * SQUARE], vec![0.25f32; SQUARE * SQUARE]);
     let mut c = vec![0.0f32; SQUARE * SQUARE];
@@ -183,6 +185,7 @@ fn measure(
         peers: Vec::new(),
         peers_failed: Vec::new(),
     };
+    let mut bench = Bench::new(like_peers, shape)?;
     for peer in peers {
         match compare(peer, &mut bench, shape, duration) {
             Ok(compared) => speed.peers.push(compared),
