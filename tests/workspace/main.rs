@@ -8,6 +8,8 @@ mod edges;
 mod gripper;
 mod python;
 mod report;
+#[cfg(unix)]
+mod reproduce;
 mod reward;
 mod simulation;
 mod source;

@@ -134,9 +134,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         Box::new(OverviewLines::new(LINE_EVERY))
     };
-    let program = std::env::current_exe().context("cannot find this program's own file")?;
+    let program = own_program()?;
     let command = |member: &Member| {
         let mut command = Command::new(&program);
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::arg0(&mut command, env!("CARGO_BIN_NAME"));
         command.args(args.arguments(member, workers));
         command
     };
@@ -235,6 +237,13 @@ fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
         names.join(", "),
         counted(workers as u64, "worker"),
     )
+}
+
+/// Returns this program for starting it again: where the system can, the very one that runs, also when its file has been
+/// built anew meanwhile, so that all runs are made by the same.
+fn own_program() -> anyhow::Result<PathBuf> {
+    let running = PathBuf::from("/proc/self/exe");
+    if running.exists() { Ok(running) } else { std::env::current_exe().context("cannot find this program's own file") }
 }
 
 /// Counts Ctrl-C and SIGTERM.

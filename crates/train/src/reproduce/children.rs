@@ -54,7 +54,8 @@ struct Running<'a> {
 /// stop, which `stop` counts, the processes are interrupted and save; at the second they are killed.
 ///
 /// # Errors
-/// [`TrainError::Io`] when a process cannot be started or its log not be written; those that run are stopped first.
+/// [`TrainError::Io`] when a process cannot be waited for, or when what it left behind cannot be read; those that run are
+/// stopped first. That one cannot be started is an [`Ending::Failed`] of that run.
 pub fn train(
     reproduction: &Reproduction,
     jobs: usize,
@@ -64,12 +65,9 @@ pub fn train(
 ) -> Result<Vec<Ending>, TrainError> {
     let mut session = Session::new(&reproduction.members);
     let outcome = session.run(jobs.max(1), stop, command, display);
-    if outcome.is_err() {
-        session.end();
-    }
     display.finish();
     outcome?;
-    Ok(session.endings.into_iter().map(|ending| ending.unwrap_or(Ending::Stopped)).collect())
+    Ok(std::mem::take(&mut session.endings).into_iter().map(|ending| ending.unwrap_or(Ending::Stopped)).collect())
 }
 
 struct Session<'a> {
@@ -108,9 +106,18 @@ impl<'a> Session<'a> {
             let asked = stop.load(Ordering::Relaxed);
             while asked == 0 && self.running.len() < jobs {
                 let Some((position, member)) = waiting.next() else { break };
-                let running = start(member, position, command)?;
-                display.note(&format!("{} {}", member.name, verb(member)));
-                self.running.push(running);
+                match start(member, position, command) {
+                    Ok(running) => {
+                        display.note(&format!("{} {}", member.name, verb(member)));
+                        self.running.push(running);
+                    }
+                    Err(error) => {
+                        let lines = error.to_string().lines().map(str::to_owned).collect();
+                        let ending = Ending::Failed { status: "it did not start".to_owned(), lines };
+                        display.note(&describe(member, &ending));
+                        self.endings[position] = Some(ending);
+                    }
+                }
             }
             if asked > heeded {
                 heeded = asked;
@@ -186,12 +193,14 @@ impl<'a> Session<'a> {
                 .collect(),
         }
     }
+}
 
-    /// Stops what still runs, after an error.
-    fn end(&mut self) {
+/// No process is left behind, however the session ends: after an error, or when what shows the progress has gone away.
+impl Drop for Session<'_> {
+    fn drop(&mut self) {
         self.running.iter_mut().for_each(interrupt);
         for running in &mut self.running {
-            // The error that led here is the one to report.
+            // What led here is the error to report.
             let _ = running.child.wait();
         }
     }
@@ -265,7 +274,7 @@ fn describe(member: &Member, ending: &Ending) -> String {
         },
         Ending::Stopped => format!("{} is stopped", member.name),
         Ending::Failed { status, lines } => {
-            let mut text = format!("{} failed ({status}); the end of {}:", member.name, member.log.display());
+            let mut text = format!("{} failed ({status}), see {}:", member.name, member.log.display());
             lines.iter().for_each(|line| text.push_str(&format!("\n  {line}")));
             text
         }

@@ -156,7 +156,8 @@ impl Member {
     /// Makes way for a run that starts anew: removes a directory in which nothing was trained so far.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when the directory holds something else, [`TrainError::Io`].
+    /// [`TrainError::NotARun`] when the directory holds something else, [`TrainError::Locked`] when a process that was left
+    /// behind still writes there, [`TrainError::Io`].
     pub(crate) fn clear(&self) -> Result<(), TrainError> {
         let foreign = |entry: &std::fs::DirEntry| {
             let name = entry.file_name();
@@ -167,6 +168,7 @@ impl Member {
             let reason = "it holds other files; move them away".to_owned();
             return Err(TrainError::NotARun { path: self.run.clone(), reason });
         }
+        let _held = lock(&self.run)?;
         std::fs::remove_dir_all(&self.run).map_err(crate::error::io_error("remove", &self.run))
     }
 }

@@ -1,0 +1,167 @@
+//! Reproductions whose processes do something else than train.
+
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use eigenhand_train::launch::{NewRun, resolve};
+use eigenhand_train::reproduce::children::{Ending, train};
+use eigenhand_train::reproduce::{Member, Overview, OverviewDisplay, Reproduction, Request, State};
+use eigenhand_train::{Provenance, RunDirectory, TrainError};
+use tempfile::TempDir;
+
+use crate::gripper::{GRIPPER_MANIFEST, GRIPPER_MODEL, TINY};
+use crate::support::mujoco;
+
+/// A directory with the hand and an empty reproduction.
+struct Place {
+    root: TempDir,
+}
+
+impl Place {
+    fn new() -> Place {
+        let root = TempDir::new().unwrap();
+        std::fs::create_dir(root.path().join("gripper")).unwrap();
+        std::fs::write(root.path().join("gripper/hand.toml"), GRIPPER_MANIFEST).unwrap();
+        std::fs::write(root.path().join("gripper/gripper.xml"), GRIPPER_MODEL).unwrap();
+        Place { root }
+    }
+
+    fn settings(&self) -> NewRun {
+        let varied = |setting: &&str| ["hand=", "workers=", "lambda="].iter().any(|key| setting.starts_with(key));
+        NewRun {
+            hand: Some(self.root.path().join("gripper").display().to_string()),
+            assignments: TINY.iter().filter(|setting| !varied(setting)).map(|setting| (*setting).to_owned()).collect(),
+            ..NewRun::default()
+        }
+    }
+
+    fn directory(&self) -> PathBuf {
+        self.root.path().join("all")
+    }
+
+    fn request(&self, seeds: &[u64]) -> Request {
+        let out = Some(self.directory());
+        Request { settings: self.settings(), lambdas: vec![0.0, 1.0, 0.0], seeds: seeds.to_vec(), out }
+    }
+
+    fn prepare(&self, seeds: &[u64]) -> Reproduction {
+        Reproduction::prepare(&self.request(seeds)).unwrap_or_else(|error| panic!("{error}"))
+    }
+}
+
+/// Keeps what is shown, and asks to stop when a run trains.
+#[derive(Default)]
+struct Display<'a> {
+    notes: Vec<String>,
+    stop: Option<&'a AtomicUsize>,
+}
+
+impl OverviewDisplay for Display<'_> {
+    fn update(&mut self, overview: &Overview) {
+        if let Some(stop) = self.stop.filter(|_| !overview.running.is_empty()) {
+            stop.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    fn note(&mut self, line: &str) {
+        self.notes.push(line.to_owned());
+    }
+}
+
+fn shell(script: &str) -> impl Fn(&Member) -> Command {
+    move |member| {
+        let mut command = Command::new("sh");
+        command.args(["-c", script, &member.name]);
+        command
+    }
+}
+
+#[test]
+fn runs_are_interleaved_and_named_once() {
+    let place = Place::new();
+    let reproduction = place.prepare(&[4, 2, 4]);
+    let names: Vec<&str> = reproduction.members.iter().map(|member| member.name.as_str()).collect();
+    assert_eq!(names, ["l0-s4", "l1-s4", "l0-s2", "l1-s2"]);
+    assert!(reproduction.members.iter().all(|member| member.state == State::New && member.episodes == 24));
+    assert!(matches!(Reproduction::prepare(&place.request(&[1])), Err(TrainError::Locked { .. })));
+}
+
+#[test]
+fn a_process_that_fails_is_shown_with_its_last_words_and_the_others_go_on() {
+    let place = Place::new();
+    let reproduction = place.prepare(&[1]);
+    let mut display = Display::default();
+    let script = "echo episode 3/24, 0:10 left: success 5 % \\(evaluated -\\)...; echo $0 is out of luck >&2; exit 3";
+    let endings = train(&reproduction, 1, &AtomicUsize::new(0), &shell(script), &mut display).unwrap();
+    for (ending, name) in endings.iter().zip(["l0-s1", "l1-s1"]) {
+        let Ending::Failed { status, lines } = ending else { panic!("{ending:?}") };
+        assert!(status.contains('3'), "{status}");
+        assert_eq!(*lines, [format!("{name} is out of luck")], "progress is left out");
+    }
+    assert!(display.notes.iter().any(|note| note.contains("l1-s1 failed") && note.contains("out of luck")));
+
+    // One that ends well and has trained nothing has failed too.
+    let endings = train(&reproduction, 2, &AtomicUsize::new(0), &shell("exit 0"), &mut display).unwrap();
+    assert!(endings.iter().all(|ending| matches!(ending, Ending::Failed { .. })));
+}
+
+#[test]
+fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
+    let place = Place::new();
+    let (config, hand) = resolve(&NewRun { lambda: Some(0.0), seed: Some(1), ..place.settings() }).unwrap();
+    let provenance = Provenance::collect(&hand, &mujoco());
+    let used = RunDirectory::create(Some(&place.directory().join("l0-s1")), &config, &provenance).unwrap();
+    let foreign = place.directory().join("l1-s1/mine.txt");
+    std::fs::create_dir_all(foreign.parent().unwrap()).unwrap();
+    std::fs::write(&foreign, "mine").unwrap();
+
+    let reproduction = place.prepare(&[1]);
+    let endings = train(&reproduction, 2, &AtomicUsize::new(0), &shell("exit 0"), &mut Display::default()).unwrap();
+    for (ending, reason) in endings.iter().zip(["in use", "other files"]) {
+        let Ending::Failed { lines, .. } = ending else { panic!("{ending:?}") };
+        assert!(lines[0].contains(reason), "{lines:?}");
+    }
+    assert!(used.file("config.toml").exists() && foreign.exists());
+
+    // Once it is free, a run in which nothing was trained makes way.
+    drop(used);
+    let script = "test ! -e \"$0\" && exit 7";
+    let there = |member: &Member| {
+        let mut command = Command::new("sh");
+        command.args(["-c", script]).arg(&member.run);
+        command
+    };
+    let endings = train(&reproduction, 1, &AtomicUsize::new(0), &there, &mut Display::default()).unwrap();
+    assert!(matches!(&endings[0], Ending::Failed { status, .. } if status.contains('7')), "{endings:?}");
+}
+
+#[test]
+fn no_process_is_left_behind_when_the_display_fails() {
+    struct Gone;
+    impl OverviewDisplay for Gone {
+        fn update(&mut self, _overview: &Overview) {
+            panic!("nobody reads on purpose");
+        }
+        fn note(&mut self, _line: &str) {}
+    }
+    let place = Place::new();
+    let reproduction = place.prepare(&[1]);
+    let mark = place.directory().join("told");
+    let script = format!("trap 'touch {}; exit 1' INT; while :; do sleep 0.05; done", mark.display());
+    let run = || train(&reproduction, 2, &AtomicUsize::new(0), &shell(&script), &mut Gone);
+    assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
+}
+
+#[test]
+fn a_process_that_ignores_the_first_request_to_stop_is_killed_at_the_second() {
+    let place = Place::new();
+    let reproduction = place.prepare(&[1]);
+    let stop = AtomicUsize::new(0);
+    let mut display = Display { stop: Some(&stop), ..Display::default() };
+    let started = std::time::Instant::now();
+    let endings = train(&reproduction, 1, &stop, &shell("trap '' INT; exec sleep 60"), &mut display).unwrap();
+    assert!(started.elapsed().as_secs() < 50, "the process was waited for");
+    assert_eq!(endings, [Ending::Stopped, Ending::Stopped]);
+    assert!(!display.notes.iter().any(|note| note.contains("l1-s1 starts")), "nothing begins after a request to stop");
+}
