@@ -136,21 +136,27 @@ fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
     assert!(matches!(&endings[0], Ending::Failed { status, .. } if status.contains('7')), "{endings:?}");
 }
 
+/// Fails once a file is there.
+struct Gone(PathBuf);
+
+impl OverviewDisplay for Gone {
+    fn update(&mut self, _overview: &Overview) {
+        assert!(!self.0.exists(), "nobody reads, on purpose");
+    }
+
+    fn note(&mut self, _line: &str) {}
+}
+
 #[test]
 fn no_process_is_left_behind_when_the_display_fails() {
-    struct Gone;
-    impl OverviewDisplay for Gone {
-        fn update(&mut self, _overview: &Overview) {
-            panic!("nobody reads on purpose");
-        }
-        fn note(&mut self, _line: &str) {}
-    }
     let place = Place::new();
     let reproduction = place.prepare(&[1]);
-    let mark = place.directory().join("told");
-    let script = format!("trap 'touch {}; exit 1' INT; while :; do sleep 0.05; done", mark.display());
-    let run = || train(&reproduction, 2, &AtomicUsize::new(0), &shell(&script), &mut Gone);
+    let [ready, told] = ["ready", "told"].map(|name| place.directory().join(name));
+    let wait = "while :; do sleep 0.05; done";
+    let script = format!("trap 'touch \"{}\"; exit 1' INT; touch \"{}\"; {wait}", told.display(), ready.display());
+    let run = || train(&reproduction, 1, &AtomicUsize::new(0), &shell(&script), &mut Gone(ready.clone()));
     assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
+    assert!(told.exists(), "the process was asked to stop and waited for");
 }
 
 #[test]
