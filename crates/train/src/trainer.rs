@@ -506,6 +506,8 @@ impl Trainer {
         } else {
             None
         };
+        // The export simulates too, and the threads' simulations are most of what is not replay.
+        drop(self.pool);
         let postures = self.database.postures()?;
         let synergy = match self.reward.feedback.synergy.take() {
             Some(_) => Some(Synergy::fit(&self.joints, &postures, self.config.synergy.components)?),
