@@ -185,7 +185,7 @@ impl<'a> Session<'a> {
             failed,
             episodes,
             total: self.members.iter().map(|member| member.episodes).sum(),
-            left_s: (gained > 0).then(|| each * remaining as f64),
+            left_s: (gained > 0).then_some(each * remaining as f64),
             running: self
                 .running
                 .iter()
