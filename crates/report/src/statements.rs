@@ -39,9 +39,11 @@ impl Words {
         format!("{:.*}", self.digits, self.factor * value)
     }
 
-    /// With its sign; a minus as it is set in print.
+    /// With its sign, unless it is rounded to nothing; a minus as it is set in print.
     fn signed(&self, value: f64) -> String {
-        format!("{:+.*}", self.digits, self.factor * value).replace('-', "\u{2212}")
+        let text = format!("{:+.*}", self.digits, self.factor * value);
+        let nothing = !text.contains(|c: char| ('1'..='9').contains(&c));
+        if nothing { text[1..].to_owned() } else { text.replace('-', "\u{2212}") }
     }
 
     /// Unit of a difference.
@@ -242,7 +244,7 @@ mod tests {
             (
                 0.0,
                 None,
-                "+0.0 percentage points. With fewer than 3 runs on a side there is no interval, and nothing can be \
+                "0.0 percentage points. With fewer than 3 runs on a side there is no interval, and nothing can be \
                          said about the difference beyond these runs.",
             ),
         ] {

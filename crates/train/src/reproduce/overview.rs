@@ -44,8 +44,9 @@ impl Overview {
     }
 
     fn left(&self) -> String {
-        let minutes = |seconds: f64| (seconds / 60.0).round() as u64;
-        self.left_s.map_or_else(|| "-".to_owned(), |s| format!("{} h {:02} min", minutes(s) / 60, minutes(s) % 60))
+        let Some(seconds) = self.left_s else { return "-".to_owned() };
+        let minutes = (seconds / 60.0).round() as u64;
+        if minutes < 60 { format!("{minutes} min") } else { format!("{} h {:02} min", minutes / 60, minutes % 60) }
     }
 }
 
@@ -81,7 +82,7 @@ impl OverviewBars {
         let bars = MultiProgress::with_draw_target(ProgressDrawTarget::stderr_with_hz(4));
         let all = bars.add(ProgressBar::new(0));
         if let Ok(style) =
-            ProgressStyle::with_template("{elapsed_precise} {bar:24.cyan/dim} {pos}/{len} episodes, {msg}")
+            ProgressStyle::with_template("{elapsed_precise} {bar:16.cyan/dim} {pos}/{len} episodes, {wide_msg}")
         {
             all.set_style(style);
         }
@@ -102,7 +103,7 @@ impl OverviewDisplay for OverviewBars {
         self.all.set_message(format!("{} left, {}", overview.left(), overview.counts()));
         while self.lines.len() < overview.running.len() {
             let line = self.bars.add(ProgressBar::new(0));
-            if let Ok(style) = ProgressStyle::with_template("  {bar:24.blue/dim} {msg}") {
+            if let Ok(style) = ProgressStyle::with_template("         {bar:16.blue/dim} {wide_msg}") {
                 line.set_style(style);
             }
             self.lines.push(line);
