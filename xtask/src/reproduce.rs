@@ -144,7 +144,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let endings = train(&reproduction, jobs, &stop, &command, display.as_mut())?;
     let failed: Vec<&str> = names(&reproduction, &endings, |ending| matches!(ending, Ending::Failed { .. }));
-    if stop.load(Ordering::Relaxed) > 0 && endings.iter().any(|ending| *ending == Ending::Stopped) {
+    if stop.load(Ordering::Relaxed) > 0 && endings.contains(&Ending::Stopped) {
         eprintln!("continue with: {}", same_command());
         return Ok(Outcome::Interrupted);
     }

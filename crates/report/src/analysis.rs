@@ -181,7 +181,8 @@ impl Quantity {
         }
     }
 
-    fn of(self, run: &RunRecord) -> Option<f64> {
+    /// Returns a run's value.
+    pub fn of(self, run: &RunRecord) -> Option<f64> {
         match self {
             Quantity::SuccessRate => run.success_rate,
             Quantity::ContributionSum => run.contribution_sum,

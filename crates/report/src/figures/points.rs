@@ -7,7 +7,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::canvas::{Area, Axes, Drawn, INK, Key, draw, fine, head, marker, round_up, series_color, text};
 use super::{Cell, Figure, csv, label};
 use crate::ReportError;
-use crate::analysis::{Analysis, RunRecord};
+use crate::analysis::{Analysis, LambdaRecord, Quantity, RunRecord};
 use crate::stats::Estimate;
 
 const OBJECTS_SIZE: (u32, u32) = (760, 420);
@@ -79,44 +79,68 @@ fn objects(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
     }))
 }
 
+/// A panel of the results: one quantity for every lambda.
+struct Panel {
+    quantity: Quantity,
+    y_name: &'static str,
+    factor: f64,
+    digits: usize,
+    top: Option<f64>,
+}
+
+const PANELS: [Panel; 3] = [
+    Panel {
+        quantity: Quantity::SuccessRate,
+        y_name: "final success rate (%)",
+        factor: 100.0,
+        digits: 0,
+        top: Some(100.0),
+    },
+    Panel {
+        quantity: Quantity::ContributionSum,
+        y_name: "sum of contribution rates (%)",
+        factor: 100.0,
+        digits: 0,
+        top: Some(100.0),
+    },
+    Panel {
+        quantity: Quantity::MeanErrorRad,
+        y_name: "mean approximation error (rad)",
+        factor: 1.0,
+        digits: 2,
+        top: None,
+    },
+];
+
 fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
-    type Value = fn(&RunRecord) -> Option<f64>;
-    let panels: [(&str, &str, f64, usize, Option<f64>, Value); 3] = [
-        ("success_rate", "final success rate (%)", 100.0, 0, Some(100.0), |run| run.success_rate),
-        ("contribution_sum", "sum of contribution rates (%)", 100.0, 0, Some(100.0), |run| run.contribution_sum),
-        ("mean_error_rad", "mean approximation error (rad)", 1.0, 2, None, |run| run.mean_error_rad),
-    ];
     let names: Vec<String> = analysis.lambdas.iter().map(|lambda| format!("\u{3bb} = {}", lambda.lambda)).collect();
-    let columns = |quantity: &str, value: Value| -> Vec<Column> {
-        let column = |(series, lambda): (usize, &crate::analysis::LambdaRecord)| {
+    let columns = |quantity: Quantity| -> Vec<Column> {
+        let column = |(series, lambda): (usize, &LambdaRecord)| {
+            let value = |run: &RunRecord| Some((run.seed, quantity.of(run)?));
             Some(Column {
                 lambda: lambda.lambda,
                 series,
                 category: names[series].clone(),
-                values: complete(analysis, lambda.lambda).filter_map(|run| Some((run.seed, value(run)?))).collect(),
-                estimate: lambda.quantities.get(quantity)?.clone(),
+                values: complete(analysis, lambda.lambda).filter_map(value).collect(),
+                estimate: lambda.quantities.get(quantity.key())?.clone(),
             })
         };
         analysis.lambdas.iter().enumerate().filter_map(column).collect()
     };
-    let drawn: Vec<_> = panels.iter().map(|panel| (panel, columns(panel.0, panel.5))).collect();
-    if drawn.iter().all(|(_, columns)| columns.is_empty()) {
+    let drawn = PANELS.map(|panel| (columns(panel.quantity), panel));
+    if drawn.iter().all(|(columns, _)| columns.is_empty()) {
         return Ok(None);
     }
     let name = "results";
-    let svg = draw(name, (RESULT_SIZE.0 * panels.len() as u32, RESULT_SIZE.1), |area| {
+    let svg = draw(name, (RESULT_SIZE.0 * PANELS.len() as u32, RESULT_SIZE.1), |area| {
         let rest = head(area, "Results of the complete runs", &[])?;
-        for (area, ((_, y_name, factor, digits, top, _), columns)) in
-            rest.split_evenly((1, panels.len())).iter().zip(&drawn)
-        {
-            Categories { names: &names, columns, y_name, factor: *factor, digits: *digits, top: *top }.draw(area, 1)?;
+        for (area, (columns, panel)) in rest.split_evenly((1, PANELS.len())).iter().zip(&drawn) {
+            let Panel { y_name, factor, digits, top, .. } = *panel;
+            Categories { names: &names, columns, y_name, factor, digits, top }.draw(area, 1)?;
         }
         Ok(())
     })?;
-    let mut csv_rows = Vec::new();
-    for ((quantity, ..), columns) in &drawn {
-        csv_rows.extend(rows(quantity, columns));
-    }
+    let numbers = drawn.iter().flat_map(|(columns, panel)| rows(panel.quantity.key(), columns));
     Ok(Some(Figure {
         name: name.to_owned(),
         title: "Results of the complete runs".to_owned(),
@@ -125,14 +149,12 @@ fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
                   are enough runs."
                 .to_owned(),
         svg,
-        csv: csv(name, &header("quantity"), csv_rows)?,
+        csv: csv(name, &header("quantity"), numbers)?,
     }))
 }
 
 fn legend(analysis: &Analysis) -> Vec<(Key, String)> {
-    let entry = |(i, lambda): (usize, &crate::analysis::LambdaRecord)| {
-        (Key::Series(i), label(lambda.lambda, lambda.n_complete))
-    };
+    let entry = |(i, lambda): (usize, &LambdaRecord)| (Key::Series(i), label(lambda.lambda, lambda.n_complete));
     analysis.lambdas.iter().enumerate().filter(|(_, lambda)| lambda.n_complete > 0).map(entry).collect()
 }
 
