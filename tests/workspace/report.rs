@@ -15,7 +15,7 @@ fn trained(lambda: f64, seed: u64) -> Run {
 }
 
 fn read(run: &Run) -> Result<Vec<eigenhand_report::Run>, ReportError> {
-    read_runs(&[run.path.clone()])
+    read_runs(std::slice::from_ref(&run.path))
 }
 
 fn text(path: &Path) -> String {
