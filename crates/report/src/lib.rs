@@ -13,7 +13,7 @@ mod stats;
 mod tables;
 mod write;
 
-pub use analysis::{Analysis, DifferenceRecord, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
+pub use analysis::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
 pub use curves::{Band, BandPoint};
 pub use error::ReportError;
 pub use run::{Run, read_runs};
