@@ -138,8 +138,9 @@ fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
     let change = words.signed(lambda.quantities.get(Quantity::ContributionChange.key())?.iqm);
     Some(format!(
         "With lambda {}, the sum of the contribution rates {direction} from the first evaluation with enough postures for the \
-         penalty to the last ({change} points, interquartile mean).",
+         penalty to the last ({change} points{}).",
         lambda.lambda,
+        if n == 1 { "" } else { ", interquartile mean" }
     ))
 }
 

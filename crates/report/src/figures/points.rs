@@ -128,7 +128,7 @@ fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
         analysis.lambdas.iter().enumerate().filter_map(column).collect()
     };
     let drawn = PANELS.map(|panel| (columns(panel.quantity), panel));
-    if drawn.iter().all(|(columns, _)| columns.is_empty()) {
+    if drawn.iter().all(|(columns, _)| columns.iter().map(|column| column.values.len()).sum::<usize>() < 2) {
         return Ok(None);
     }
     let name = "results";
@@ -226,6 +226,10 @@ impl Categories<'_> {
             let slot = if side_by_side > 1 { column.series as f64 } else { 0.0 };
             let x = place as f64 + (slot + 1.0) / (side_by_side as f64 + 1.0);
             let width = 1.0 / (side_by_side as f64 + 1.0);
+            if let [(_, only)] = column.values[..] {
+                marker(&screen, column.series, at(x, only * self.factor), 5.2, true)?;
+                continue;
+            }
             for (i, (_, value)) in column.values.iter().enumerate() {
                 // Runs stand beside one another and beside their mean, as they would hide each other.
                 let beside = 0.06 + 0.38 * (i as f64 + 0.5) / column.values.len() as f64;
