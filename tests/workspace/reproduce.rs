@@ -69,10 +69,12 @@ impl OverviewDisplay for Display<'_> {
     }
 }
 
+/// A shell in place of a training. It gets back the interrupt that a test inherits as ignored when it runs in the
+/// background, because a shell cannot trap what it was started to ignore.
 fn shell(script: &str) -> impl Fn(&Member) -> Command {
     move |member| {
-        let mut command = Command::new("sh");
-        command.args(["-c", script, &member.name]);
+        let mut command = Command::new("env");
+        command.args(["--default-signal=INT", "sh", "-c", script, &member.name]);
         command
     }
 }
