@@ -1,13 +1,15 @@
 //! The simulator under real hands: scenes, determinism, threads, warnings and divergence.
 
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
 use eigenhand_rl::rng;
 use eigenhand_sim::ffi::WarningCounts;
-use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, Object};
+use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, Object, Shape};
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};
+use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 
 use crate::support::{constant_policy, gripper, gripper_with, job, mujoco, registry, task, tiny};
@@ -60,6 +62,57 @@ fn scenes_of_every_hand_compile_with_every_object() {
             assert_eq!(scene.model.nv(), hand.joints.len() + 1 + 6);
             assert_eq!(scene.model.nq(), hand.joints.len() + 1 + 7);
         }
+    }
+}
+
+#[test]
+fn the_shape_is_that_of_the_turned_object_and_the_same_for_its_symmetric_poses() {
+    let task = full_task(&gripper());
+    let shape = |name: &str, axis: Vector3<f64>, angle: f64| -> [f64; 6] {
+        let scene = task.scenes.iter().find(|scene| scene.object.name == name).unwrap();
+        let q = UnitQuaternion::from_axis_angle(&Unit::new_normalize(axis), angle);
+        scene.shape_along_axes([q.w, q.i, q.j, q.k])
+    };
+    let near = |what: &str, got: [f64; 6], expected: [f64; 6]| {
+        let worst = got.iter().zip(expected).map(|(g, e)| (g - e).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-9, "{what}: {got:?}, expected {expected:?}");
+    };
+    let scene = task.scenes.iter().find(|scene| scene.object.name == "box").unwrap();
+    let Shape::Box { half: [x, y, z] } = scene.object.shape else { panic!("the box is no box") };
+    near("as it is", shape("box", Vector3::z(), 0.0), [x, y, z, 0.0, 0.0, 0.0]);
+    near("a quarter about z", shape("box", Vector3::z(), FRAC_PI_2), [y, x, z, 0.0, 0.0, 0.0]);
+    near("a quarter about x", shape("box", Vector3::x(), FRAC_PI_2), [x, z, y, 0.0, 0.0, 0.0]);
+    let (mean, off) = ((x + y) / 2.0, (x - y) / 2.0);
+    near("an eighth about z", shape("box", Vector3::z(), FRAC_PI_4), [mean, mean, z, off, 0.0, 0.0]);
+    let somehow = Vector3::new(1.0, 2.0, 3.0);
+    let half_turn = shape("box", Vector3::z(), FRAC_PI_4 + PI);
+    near("a half turn more", half_turn, shape("box", Vector3::z(), FRAC_PI_4));
+    near("a cube however turned", shape("cube", somehow, 0.7), shape("cube", Vector3::z(), 0.0));
+    near("a cylinder turned about itself", shape("cylinder", Vector3::z(), 0.7), shape("cylinder", Vector3::z(), 0.0));
+}
+
+#[test]
+fn the_observation_ends_with_the_shape_when_it_is_asked_for() {
+    let hand = gripper();
+    let with = full_task(&hand);
+    let mut layers = Layers::new(Preset::Paper).unwrap();
+    layers.set("hand", hand.manifest.name.clone(), "test").unwrap();
+    let without = task(&layers.resolve().unwrap(), &hand);
+    // Paper, section 3.1: angles and velocities of the joints, the object's pose, velocity and number.
+    assert_eq!(without.observation_len(), 2 * without.posture_joints.len() + 14);
+    assert_eq!(with.observation_len(), without.observation_len() + 6);
+
+    let mut env = GraspEnv::new(&with).unwrap();
+    let setup = EpisodeSetup { scene: 4, goal_height: with.config.goal_height };
+    env.reset(setup, &mut rng::stream(1, "simulation", 0)).unwrap();
+    let mut observation = vec![0.0; with.observation_len()];
+    env.observe(&mut observation);
+    let at = |name: &str| with.observation_layout().iter().position(|entry| entry.name == name).unwrap();
+    let orientation = ["qw", "qx", "qy", "qz"].map(|q| f64::from(observation[at(&format!("object:{q}"))]));
+    let expected = with.scenes[4].shape_along_axes(orientation);
+    for (name, expected) in ["xx", "yy", "zz", "xy", "xz", "yz"].into_iter().zip(expected) {
+        let got = f64::from(observation[at(&format!("object:shape_{name}"))]);
+        assert!((got - expected).abs() < 1e-6, "{name}: {got}, expected {expected}");
     }
 }
 

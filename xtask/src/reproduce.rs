@@ -16,7 +16,7 @@ use eigenhand_train::reproduce::{
 };
 
 use crate::output::{Outcome, counted};
-use crate::train::PresetName;
+use crate::train::SettingsArgs;
 use crate::{report, setup};
 
 /// The hand of the paper's experiment.
@@ -43,9 +43,8 @@ pub struct Args {
     /// Hand to train, by name or directory [default: shadow, or what the configuration file names]
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
-    /// Settings to start from [default: default, or what the configuration file names]
-    #[arg(long, value_name = "NAME", value_enum)]
-    preset: Option<PresetName>,
+    #[command(flatten)]
+    settings: SettingsArgs,
     /// Weights of the synergy's approximation error in the reward, separated by commas
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
     lambda: Vec<f64>,
@@ -55,24 +54,9 @@ pub struct Args {
     /// Runs side by side [default: one for every two cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     jobs: Option<u64>,
-    /// Training episodes of each run
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=crate::train::LARGEST))]
-    episodes: Option<u64>,
-    /// Objects to grasp, separated by commas
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    objects: Option<Vec<String>>,
-    /// Configuration file
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// One setting, such as learner.gamma=0.95; can be given several times
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    assignments: Vec<String>,
     /// Directory of the runs [default: runs/reproduce-<hand>-<preset>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Further directory of hands; can be given several times
-    #[arg(long, value_name = "DIR")]
-    plugins: Vec<PathBuf>,
     /// Prints what the report says as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -161,22 +145,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 impl Args {
     fn request(&self) -> Request {
-        let settings = NewRun {
-            hand: self.hand(),
-            preset: self.preset.map(Preset::from),
-            file: self.config.clone(),
-            assignments: self.assignments.clone(),
-            episodes: self.episodes,
-            objects: self.objects.clone(),
-            plugins: self.plugins.clone(),
-            ..NewRun::default()
-        };
+        let settings = NewRun { hand: self.hand(), ..self.settings.new_run() };
         Request { settings, lambdas: self.lambda.clone(), seeds: self.seeds.0.clone(), out: self.out.clone() }
     }
 
     /// The hand that is named, or the paper's where no other layer can name one.
     fn hand(&self) -> Option<String> {
-        let elsewhere = self.config.is_some() || self.assignments.iter().any(|a| a.trim_start().starts_with("hand"));
+        let SettingsArgs { config, assignments, .. } = &self.settings;
+        let elsewhere = config.is_some() || assignments.iter().any(|a| a.trim_start().starts_with("hand"));
         self.hand.clone().or_else(|| (!elsewhere).then(|| HAND.to_owned()))
     }
 
@@ -184,7 +160,7 @@ impl Args {
     fn arguments(&self, member: &Member, workers: usize) -> Vec<std::ffi::OsString> {
         let mut arguments = vec!["train".into(), "--no-install".into(), "--workers".into(), workers.to_string().into()];
         let mut option = |name: &str, value: std::ffi::OsString| arguments.extend([name.into(), value]);
-        for directory in &self.plugins {
+        for directory in &self.settings.plugins {
             option("--plugins", directory.into());
         }
         if member.state != State::New {
@@ -194,22 +170,22 @@ impl Args {
         option("--lambda", member.lambda.to_string().into());
         option("--seed", member.seed.to_string().into());
         option("--out", member.run.clone().into());
-        let preset = self.preset.map(|preset| Preset::from(preset).name().to_owned());
+        let preset = self.settings.preset.map(|preset| Preset::from(preset).name().to_owned());
         let words = [
             ("--hand", self.hand()),
             ("--preset", preset),
-            ("--episodes", self.episodes.map(|n| n.to_string())),
-            ("--objects", self.objects.as_ref().map(|names| names.join(","))),
+            ("--episodes", self.settings.episodes.map(|n| n.to_string())),
+            ("--objects", self.settings.objects.as_ref().map(|names| names.join(","))),
         ];
         for (name, value) in words {
             if let Some(value) = value {
                 option(name, value.into());
             }
         }
-        if let Some(file) = &self.config {
+        if let Some(file) = &self.settings.config {
             option("--config", file.into());
         }
-        for assignment in &self.assignments {
+        for assignment in &self.settings.assignments {
             option("--set", assignment.into());
         }
         arguments

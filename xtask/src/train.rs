@@ -41,27 +41,14 @@ pub struct Args {
     /// Hand to train, by name (see `cargo xtask hands list`) or directory
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
-    /// Settings to start from [default: default, or what the configuration file names]
-    #[arg(long, value_name = "NAME", value_enum)]
-    preset: Option<PresetName>,
+    #[command(flatten)]
+    settings: SettingsArgs,
     /// Weight of the synergy's approximation error in the reward; 0 turns it off
     #[arg(long, value_name = "X")]
     lambda: Option<f64>,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=LARGEST))]
     seed: Option<u64>,
-    /// Training episodes in all; with --resume a run can be extended
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
-    episodes: Option<u64>,
-    /// Objects to grasp, separated by commas
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    objects: Option<Vec<String>>,
-    /// Configuration file
-    #[arg(long, value_name = "FILE")]
-    config: Option<PathBuf>,
-    /// One setting, such as learner.gamma=0.95; can be given several times
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    assignments: Vec<String>,
     /// Run directory [default: runs/<hand>-<preset>-l<lambda>-s<seed>-<n>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -78,9 +65,6 @@ pub struct Args {
     /// Event files for TensorBoard in the run directory, or none [default: true]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
     tensorboard: Option<bool>,
-    /// Further directory of hands; can be given several times
-    #[arg(long, value_name = "DIR")]
-    plugins: Vec<PathBuf>,
     /// Prints the summary as JSON on standard output
     #[arg(long)]
     json: bool,
@@ -89,6 +73,44 @@ pub struct Args {
     quiet: bool,
     #[command(flatten)]
     install: setup::InstallArgs,
+}
+
+/// Options of every command that makes runs.
+#[derive(clap::Args)]
+pub struct SettingsArgs {
+    /// Settings to start from [default: default, or what the configuration file names]
+    #[arg(long, value_name = "NAME", value_enum)]
+    pub preset: Option<PresetName>,
+    /// Training episodes of a run in all; a resumed run can be extended
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
+    pub episodes: Option<u64>,
+    /// Objects to grasp, separated by commas
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub objects: Option<Vec<String>>,
+    /// Configuration file
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One setting, such as learner.gamma=0.95; can be given several times
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    pub plugins: Vec<PathBuf>,
+}
+
+impl SettingsArgs {
+    /// Returns a run with these settings and no others.
+    pub fn new_run(&self) -> NewRun {
+        NewRun {
+            preset: self.preset.map(Preset::from),
+            file: self.config.clone(),
+            assignments: self.assignments.clone(),
+            episodes: self.episodes,
+            objects: self.objects.clone(),
+            plugins: self.plugins.clone(),
+            ..NewRun::default()
+        }
+    }
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -156,24 +178,19 @@ fn prepare(args: &Args) -> Result<Launch, TrainError> {
     match &args.resume {
         Some(run) => Launch::resume(&ResumedRun {
             run: run.clone(),
-            episodes: args.episodes,
+            episodes: args.settings.episodes,
             workers: args.workers,
             tensorboard: args.tensorboard,
-            plugins: args.plugins.clone(),
+            plugins: args.settings.plugins.clone(),
         }),
         None => Launch::start(&NewRun {
             hand: args.hand.clone(),
-            preset: args.preset.map(Preset::from),
-            file: args.config.clone(),
-            assignments: args.assignments.clone(),
             lambda: args.lambda,
             seed: args.seed,
-            episodes: args.episodes,
-            objects: args.objects.clone(),
             workers: args.workers,
             tensorboard: args.tensorboard,
             out: args.out.clone(),
-            plugins: args.plugins.clone(),
+            ..args.settings.new_run()
         }),
     }
 }

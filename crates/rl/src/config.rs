@@ -14,7 +14,7 @@ pub struct DdpgConfig {
     pub actor_lr: f32,
     /// Learning rate of the critic. Default 1e-3 (OpenAI baselines HER, `Q_lr`).
     pub critic_lr: f32,
-    /// Discount factor. Default 0.99 (OpenAI baselines HER: 1 - 1/T for episodes of T steps).
+    /// Discount factor. Default 0.995 (measured; OpenAI baselines HER has 1 - 1/T for episodes of T steps).
     pub gamma: f32,
     /// Share of the way that the targets go towards the networks at each target update. Default 0.005 (measured).
     pub tau: f32,
@@ -30,7 +30,7 @@ pub struct DdpgConfig {
     /// Whether targets are clipped to [-1 / (1 - gamma), 0], which is right for rewards in [-1, 0]. Default true (OpenAI
     /// baselines HER).
     pub clip_targets: bool,
-    /// Whether the critics' hidden layers are normalised. Default false (true: Hiraoka et al. 2022, Ball et al. 2023).
+    /// Whether the critics' hidden layers are normalised. Default true (Hiraoka et al. 2022, Ball et al. 2023).
     pub critic_layer_norm: bool,
     /// Whether targets are the lesser of two critics' values. Default false (true: Fujimoto et al. 2018, section 4.2).
     pub twin_critics: bool,
@@ -50,14 +50,14 @@ impl Default for DdpgConfig {
             hidden: vec![256, 256, 256],
             actor_lr: 1e-3,
             critic_lr: 1e-3,
-            gamma: 0.99,
+            gamma: 0.995,
             tau: 0.005,
             target_update_every: 1,
             average_updates: 2000,
             batch_size: 256,
             action_l2: 1.0,
             clip_targets: true,
-            critic_layer_norm: false,
+            critic_layer_norm: true,
             twin_critics: false,
             actor_delay: 1,
             target_smoothing: 0.0,

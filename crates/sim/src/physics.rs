@@ -26,7 +26,7 @@ pub struct PhysicsConfig {
     pub cone: Cone,
     /// Ratio of frictional to normal constraint impedance. Default 10; paper preset 1.
     pub impratio: f64,
-    /// Iterations of the solver that removes slip afterwards. Default 0.
+    /// Iterations of the solver that removes slip afterwards. Default 3; paper preset 0.
     pub noslip_iterations: usize,
     /// Largest number of iterations of the constraint solver. Default 20.
     pub solver_iterations: usize,

@@ -41,7 +41,7 @@ pub struct TaskConfig {
     pub orientation: Orientation,
     /// Time in s that a dropped object has to come to rest. Default 0.4.
     pub settle_time: f64,
-    /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`].
+    /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`]. Default true.
     pub observe_shape: bool,
 }
 

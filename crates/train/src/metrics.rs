@@ -41,19 +41,6 @@ impl MetricsFile {
         Ok(MetricsFile { path, writer, columns })
     }
 
-    /// Reads every row; a field that is empty is not a number.
-    ///
-    /// # Errors
-    /// [`TrainError::Damaged`] when a row cannot be read.
-    pub fn rows(&self) -> Result<Vec<Row>, TrainError> {
-        let mut reader = csv::Reader::from_path(&self.path).map_err(|e| csv_error(&self.path, e))?;
-        let row = |record: csv::StringRecord| -> Row {
-            let values = record.iter().map(|field| field.parse().unwrap_or(f64::NAN));
-            self.columns.iter().cloned().zip(values).collect()
-        };
-        reader.records().map(|record| record.map(row).map_err(|e| csv_error(&self.path, e))).collect()
-    }
-
     /// Appends a row, after the header if it is the first.
     ///
     /// The header that a file has stays: a column that it lacks is left out of the row, and one that the row lacks is
@@ -130,6 +117,14 @@ impl MetricsTable {
         self.rows.is_empty()
     }
 
+    /// Returns the rows from top to bottom; what does not exist is not a number.
+    pub fn rows(&self) -> Vec<Row> {
+        let row = |values: &Vec<Option<f64>>| {
+            self.columns.iter().cloned().zip(values.iter().map(|value| value.unwrap_or(f64::NAN))).collect()
+        };
+        self.rows.iter().map(row).collect()
+    }
+
     /// Returns a column from top to bottom, `None` where a number does not exist; of no length when there is no such
     /// column.
     pub fn column(&self, name: &str) -> Vec<Option<f64>> {
@@ -196,7 +191,7 @@ mod tests {
         let row = [("episode", 200.0), ("x", 7.5), ("new", 1.0)].map(|(name, value)| (name.to_owned(), value));
         file.append(&row.to_vec()).expect("writable");
         assert_eq!(std::fs::read_to_string(&path).expect("readable"), "episode,old,x\n100,1,2.5\n200,,7.5\n");
-        let rows = file.rows().expect("readable");
+        let rows = MetricsTable::read(directory.path()).expect("sound").rows();
         assert_eq!((value(&rows[0], "old"), value(&rows[1], "x")), (1.0, 7.5));
         assert!(value(&rows[1], "old").is_nan());
         assert_eq!(value(&rows[1], "new"), 0.0);

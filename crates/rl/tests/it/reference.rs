@@ -13,6 +13,7 @@ fn config(twin_critics: bool) -> DdpgConfig {
         gamma: 0.9,
         tau: 0.05,
         average_updates: 3,
+        critic_layer_norm: false,
         action_l2: 0.7,
         batch_size: BATCH,
         twin_critics,
