@@ -11,7 +11,8 @@ const EPISODES: u64 = 200;
 
 /// Measures a run's success without exploration, on episodes that training never drew
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  cargo xtask eval runs/shadow-quick-l1-s1-1 --episodes 500")]
+#[command(after_help = "Examples:\n  cargo xtask eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
+    cargo xtask eval runs/shadow-default-l1-s1-1 --set 'physics.object_friction=[0.8,0.01,0.002]'")]
 pub struct Args {
     /// Run directory
     run: PathBuf,
@@ -24,6 +25,9 @@ pub struct Args {
     /// Threads that simulate; 0 means one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: usize,
+    /// One setting of the scene, other than in training, such as physics.noslip_iterations=0; can be given several times
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    assignments: Vec<String>,
     /// Further directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
@@ -36,7 +40,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let run = setup::with_mujoco(&args.install, || launch::load(&args.run, &args.plugins))?;
+    let run = setup::with_mujoco(&args.install, || launch::load(&args.run, &args.plugins, &args.assignments))?;
     let workers = eigenhand_train::config::worker_count(args.workers);
     if !args.json {
         let hand = &run.hand.manifest.name;

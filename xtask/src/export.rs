@@ -36,7 +36,7 @@ struct Report<'a> {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let run = setup::with_mujoco(&args.install, || launch::load(&args.run, &args.plugins))?;
+    let run = setup::with_mujoco(&args.install, || launch::load(&args.run, &args.plugins, &[]))?;
     let files = launch::export(&run, &args.run, &args.out)?;
     if args.json {
         print_json(&Report { run: &args.run, out: &args.out, files: &files })?;

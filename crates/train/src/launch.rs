@@ -307,17 +307,39 @@ fn check_digest(run: &Path, hand: &Hand, provenance: &Provenance) -> Result<(), 
     })
 }
 
-/// Reads a run and the hand it was made with.
+/// Keys of the configuration that say where a policy acts and what counts as success, not how it learned.
+const SCENE_KEYS: [&str; 3] = ["physics.", "reward.", "task."];
+
+/// Reads a run and the hand it was made with; each of `assignments` is a `key=value` that changes its scene.
 ///
 /// # Errors
-/// As [`LoadedRun::read`], and [`TrainError::HandChanged`] when the hand's files are no longer the same.
-pub fn load(run: &Path, plugins: &[PathBuf]) -> Result<LoadedRun, TrainError> {
-    let config = read_config(run)?;
+/// As [`LoadedRun::read`], [`TrainError::HandChanged`] when the hand's files are no longer the same, and
+/// [`ConfigError`] for an assignment that cannot be used or that no evaluation would notice.
+pub fn load(run: &Path, plugins: &[PathBuf], assignments: &[String]) -> Result<LoadedRun, TrainError> {
+    let mut config = read_config(run)?;
+    if !assignments.is_empty() {
+        let mut layers = Layers::new(Preset::Default)?;
+        layers.add_file(&run.join(CONFIG))?;
+        for assignment in assignments {
+            if !SCENE_KEYS.iter().any(|prefix| assignment.trim_start().starts_with(prefix)) {
+                return Err(ConfigError::Value {
+                    origin: format!("--set {assignment}"),
+                    reason: format!(
+                        "an evaluation depends only on keys that begin with {}",
+                        SCENE_KEYS.map(|prefix| format!("{prefix:?}")).join(", ")
+                    ),
+                }
+                .into());
+            }
+            layers.add_assignment(assignment)?;
+        }
+        config = layers.resolve()?;
+    }
     let provenance = read_provenance(run)?;
     let hand = hand_named(&config.hand, plugins)?;
     check_digest(run, &hand, &provenance)?;
     let library: Arc<MuJoCo> = MuJoCo::load()?;
-    LoadedRun::read(run, hand, &library)
+    LoadedRun::read(run, config, hand, &library)
 }
 
 /// Exports a run into a directory that is new, empty or an earlier export, and lists the files in it.
