@@ -27,6 +27,7 @@
 
 mod actuation;
 mod atomic;
+mod command;
 mod compare;
 mod covariance;
 mod database;
@@ -40,6 +41,7 @@ mod penalty;
 mod projector;
 
 pub use actuation::ActuationMap;
+pub use command::CommandSpace;
 pub use compare::{cumulative_explained_variance, principal_angles};
 pub use covariance::RunningCovariance;
 pub use database::{PostureDatabase, PostureRecord};

@@ -294,8 +294,16 @@ impl Synergy {
     /// # Panics
     /// When `posture` has not one number for each joint.
     pub fn error_f32(&self, posture: &[f32]) -> f32 {
+        self.error_and_deviation_f32(posture).0
+    }
+
+    /// Returns that error and the posture's distance from the mean.
+    ///
+    /// # Panics
+    /// When `posture` has not one number for each joint.
+    pub fn error_and_deviation_f32(&self, posture: &[f32]) -> (f32, f32) {
         self.assert_length(posture.len());
-        self.projector.error(posture)
+        self.projector.error_and_deviation(posture)
     }
 
     /// Returns the mean of [`Synergy::error`] over `postures`; 0 when there is none.

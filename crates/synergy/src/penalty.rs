@@ -1,4 +1,4 @@
-//! The penalty on a success whose posture the synergy space does not express.
+//! The penalty on the reward of a success whose posture the synergy space does not express.
 
 use std::sync::Arc;
 
@@ -6,10 +6,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Synergy, SynergyError};
 
-/// How the penalty grows with the approximation error.
+/// How the penalty grows with the approximation error `e` of a posture and its distance `|d|` from the mean.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
 pub enum PenaltyForm {
+    /// No penalty on the reward.
+    None,
     /// `lambda e`, without a bound.
     ///
     /// # Source
@@ -21,20 +23,41 @@ pub enum PenaltyForm {
         /// The least upper bound of the penalty, in units of reward.
         cap: f64,
     },
+    /// `cap min(1, lambda e / |d|)`: the part of the posture's deviation that the space does not express.
+    Fraction {
+        /// The largest penalty, in units of reward.
+        cap: f64,
+    },
+    /// `cap min(1, lambda e^2 / |d|^2)`: the share of the posture's variance that the space does not express.
+    Share {
+        /// The largest penalty, in units of reward.
+        cap: f64,
+    },
 }
 
 impl PenaltyForm {
-    /// Returns the penalty of an error.
+    /// Returns the penalty of an error in a posture at a distance from the mean.
     ///
-    /// (lambda >= 0, e >= 0) => penalty
-    pub fn penalty(self, lambda: f64, error: f64) -> f64 {
-        if lambda == 0.0 {
+    /// (lambda >= 0, e >= 0, |d| >= e) => penalty
+    pub fn penalty(self, lambda: f64, error: f64, deviation: f64) -> f64 {
+        if lambda == 0.0 || error == 0.0 {
             return 0.0;
         }
         let literal = lambda * error;
         match self {
+            PenaltyForm::None => 0.0,
             PenaltyForm::Literal => literal,
             PenaltyForm::Saturating { cap } => -cap * (-literal / cap).exp_m1(),
+            PenaltyForm::Fraction { cap } => cap * (literal / deviation).min(1.0),
+            PenaltyForm::Share { cap } => cap * (literal * error / (deviation * deviation)).min(1.0),
+        }
+    }
+
+    /// Returns the greatest penalty, where there is one.
+    fn cap(self) -> Option<f64> {
+        match self {
+            PenaltyForm::None | PenaltyForm::Literal => None,
+            PenaltyForm::Saturating { cap } | PenaltyForm::Fraction { cap } | PenaltyForm::Share { cap } => Some(cap),
         }
     }
 }
@@ -61,14 +84,14 @@ impl PenaltyConfig {
     /// Checks the settings against the two rewards.
     ///
     /// # Errors
-    /// [`SynergyError::Penalty`] when `lambda` is negative or not finite, or when a saturating penalty could bring a
+    /// [`SynergyError::Penalty`] when `lambda` is negative or not finite, or when a penalty with a cap could bring a
     /// success down to a failure in single precision.
     pub fn validate(&self, r_success: f64, r_failure: f64) -> Result<(), SynergyError> {
         let fail = |name, expected: &str, got| Err(SynergyError::Penalty { name, expected: expected.to_owned(), got });
         if !(self.lambda >= 0.0 && self.lambda.is_finite()) {
             return fail("lambda", "a finite number of 0 or more", self.lambda);
         }
-        if let PenaltyForm::Saturating { cap } = self.form {
+        if let Some(cap) = self.form.cap() {
             let worst_success = r_success as f32 - cap as f32;
             let above_failure = worst_success > r_failure as f32;
             if !(cap > 0.0 && above_failure) {
@@ -114,7 +137,10 @@ impl Feedback {
     /// Section 2.2, and section 4 for its start.
     pub fn penalty(&self, posture: &[f32]) -> f32 {
         match self.active() {
-            Some(synergy) => self.form.penalty(self.lambda, f64::from(synergy.error_f32(posture))) as f32,
+            Some(synergy) => {
+                let (error, deviation) = synergy.error_and_deviation_f32(posture);
+                self.form.penalty(self.lambda, f64::from(error), f64::from(deviation)) as f32
+            }
             None => 0.0,
         }
     }
@@ -133,21 +159,22 @@ mod tests {
             r_failure in -100.0..100.0f64,
             gap in 1e-3..50.0f64,
             share in 1e-3..1.2f64,
+            form in 0..3usize,
             lambda in 0.0..1e6f64,
             error in prop_oneof![0.0..10.0f64, 0.0..1e30f64],
+            within in 0.0..10.0f64,
         ) {
             let r_success = r_failure + gap;
-            let config = PenaltyConfig {
-                lambda,
-                form: PenaltyForm::Saturating { cap: share * gap },
-                ..PenaltyConfig::default()
-            };
+            let cap = share * gap;
+            let form = [PenaltyForm::Saturating { cap }, PenaltyForm::Fraction { cap }, PenaltyForm::Share { cap }][form];
+            let config = PenaltyConfig { lambda, form, ..PenaltyConfig::default() };
             let accepted = config.validate(r_success, r_failure).is_ok();
             if share < 0.99 {
                 prop_assert!(accepted);
             }
             if accepted {
-                let reward = r_success as f32 - config.form.penalty(lambda, error) as f32;
+                let penalty = config.form.penalty(lambda, error, error.hypot(within));
+                let reward = r_success as f32 - penalty as f32;
                 prop_assert!(reward > r_failure as f32, "{reward} {r_failure}");
                 prop_assert!(reward <= r_success as f32);
             } else {
@@ -160,12 +187,21 @@ mod tests {
             lambda in 1e-3..10.0f64, cap in 0.1..5.0f64, error in 0.0..5.0f64, step in 1e-3..1.0f64,
         ) {
             let form = PenaltyForm::Saturating { cap };
-            let (near, far) = (form.penalty(lambda, error), form.penalty(lambda, error + step));
+            let (near, far) = (form.penalty(lambda, error, error), form.penalty(lambda, error + step, error + step));
             prop_assert!(near <= far);
-            prop_assert!(near <= PenaltyForm::Literal.penalty(lambda, error) * (1.0 + 1e-12));
+            prop_assert!(near <= PenaltyForm::Literal.penalty(lambda, error, error) * (1.0 + 1e-12));
             let small = 1e-7;
-            prop_assert!((form.penalty(lambda, small) / small / lambda - 1.0).abs() < 1e-4);
+            prop_assert!((form.penalty(lambda, small, small) / small / lambda - 1.0).abs() < 1e-4);
         }
+    }
+
+    #[test]
+    fn the_relative_forms_are_those_of_the_unexpressed_part() {
+        let (fraction, share) = (PenaltyForm::Fraction { cap: 0.5 }, PenaltyForm::Share { cap: 0.5 });
+        assert_eq!((fraction.penalty(1.0, 0.3, 0.5), share.penalty(1.0, 0.3, 0.5)), (0.3, 0.5 * 0.36));
+        assert_eq!((fraction.penalty(2.0, 0.5, 0.5), share.penalty(2.0, 0.5, 0.5)), (0.5, 0.5));
+        assert_eq!((fraction.penalty(1.0, 0.0, 0.0), share.penalty(1.0, 0.0, 0.0)), (0.0, 0.0));
+        assert_eq!(PenaltyForm::None.penalty(1.0, 0.3, 0.5), 0.0);
     }
 
     #[test]
