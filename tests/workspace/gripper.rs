@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two, before those of the test.
-pub const TINY: [&str; 37] = [
+pub const TINY: [&str; 38] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -63,6 +63,7 @@ pub const TINY: [&str; 37] = [
     "evaluation.final_episodes=6",
     "synergy.components=2",
     "synergy.start_after=2",
+    "synergy.window=4",
     "synergy.penalty={ kind = \"saturating\", cap = 0.5 }",
     "task.steps=30",
     "task.final_steps=1",

@@ -38,7 +38,7 @@ fn random_episodes() -> &'static Episodes {
 
 /// The reward of a task, with the synergy of random postures when `active`.
 fn reward(task: &GraspTask, active: bool) -> GraspReward {
-    let mut config = tiny(&["synergy.start_after=100"]);
+    let mut config = tiny(&["synergy.start_after=100", "synergy.window=0"]);
     config.synergy.penalty = PenaltyForm::Saturating { cap: 0.5 };
     let mut feedback = Feedback::new(&config.penalty());
     if active {

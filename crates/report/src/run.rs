@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError};
-use eigenhand_train::config::ConfigError;
+use eigenhand_train::config::{ConfigError, newest};
 use eigenhand_train::{
     DATABASE, MetricsTable, Provenance, Settings, Summary, TrainError, is_run, read_provenance, read_settings,
     reproduce,
@@ -59,7 +59,8 @@ impl Run {
                 mend: "restore the file, or leave this run out".to_owned(),
             }));
         }
-        let errors = errors(&path.join(DATABASE), components).map_err(TrainError::from)?;
+        let errors = errors(&path.join(DATABASE), components, setting(path, &settings, "synergy.window")?)
+            .map_err(TrainError::from)?;
         let name = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         Ok(Run {
             name: name.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
@@ -144,18 +145,19 @@ fn check_hands(runs: &[Run]) -> Result<(), ReportError> {
     }
 }
 
-/// Computes the approximation errors over a database; too few postures for the components have none.
-fn errors(database: &Path, components: usize) -> Result<Vec<f64>, SynergyError> {
+/// Computes the approximation errors of the postures that the run's synergy is of; none while there is no synergy.
+fn errors(database: &Path, components: usize, window: usize) -> Result<Vec<f64>, SynergyError> {
     if !database.exists() {
         return Ok(Vec::new());
     }
     let database = PostureDatabase::open_existing(database)?;
     let postures = database.postures()?;
-    if postures.len() <= components {
+    let covered = newest(&postures, window);
+    if covered.len() <= components {
         return Ok(Vec::new());
     }
-    let synergy = Synergy::fit(database.joints(), &postures, components)?;
-    let mut errors: Vec<f64> = postures.iter().map(|posture| synergy.error(posture)).collect();
+    let synergy = Synergy::fit(database.joints(), covered, components)?;
+    let mut errors: Vec<f64> = covered.iter().map(|posture| synergy.error(posture)).collect();
     errors.sort_by(f64::total_cmp);
     Ok(errors)
 }

@@ -5,7 +5,9 @@ use rand_distr::StandardNormal;
 
 use crate::adam::Follow;
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
-use crate::{Adam, AdamConfig, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, Which, elementwise};
+use crate::{
+    ActionCost, Adam, AdamConfig, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, Which, elementwise,
+};
 
 /// A network, the target that follows it, and its optimiser.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,6 +78,7 @@ pub struct Ddpg {
     pub(crate) observation: RunningNormalizer,
     pub(crate) goal: RunningNormalizer,
     pub(crate) n_updates: u64,
+    action_cost: Option<ActionCost>,
     scratch: Scratch,
 }
 
@@ -142,6 +145,7 @@ impl Ddpg {
             observation: RunningNormalizer::new(config.normalizer, obs_dim),
             goal: RunningNormalizer::new(config.normalizer, goal_dim),
             n_updates: 0,
+            action_cost: None,
             scratch,
             config,
         })
@@ -173,7 +177,7 @@ impl Ddpg {
         let (target_mean, clipped_share) = self.compute_targets(batch, rng);
         let (critic_loss, q_mean) = self.update_critics(tau);
         let (actor_loss, action_square_mean) = if update_actor {
-            let (loss, square) = self.update_actor(tau);
+            let (loss, square) = self.update_actor(tau, &batch.rewards);
             (Some(loss), Some(square))
         } else {
             self.actor.follow(tau);
@@ -201,6 +205,15 @@ impl Ddpg {
         for c in &mut self.critics {
             c.adam.set_learning_rate(critic);
         }
+    }
+
+    /// Sets what the actor's actions cost besides `action_l2` in the updates to come. It is not part of a checkpoint.
+    ///
+    /// # Panics
+    /// When it is a cost of actions of another size.
+    pub fn set_action_cost(&mut self, cost: Option<ActionCost>) {
+        assert!(cost.as_ref().is_none_or(|cost| cost.act_dim() == self.act_dim()), "the cost is of other actions");
+        self.action_cost = cost;
     }
 
     /// Returns the number of updates so far.
@@ -319,7 +332,7 @@ impl Ddpg {
     }
 
     /// Returns the loss and the mean square of the actions.
-    fn update_actor(&mut self, tau: Option<f32>) -> (f32, f32) {
+    fn update_actor(&mut self, tau: Option<f32>, rewards: &[f32]) -> (f32, f32) {
         let act_dim = self.act_dim();
         let Scratch { input, value_gradient, action_gradient, actor, critic, actor_gradient, .. } = &mut self.scratch;
         let n = value_gradient.len();
@@ -336,9 +349,10 @@ impl Ddpg {
 
         let l2 = 2.0 * self.config.action_l2 / actions_len(n, act_dim);
         action_gradient.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += l2 * a);
+        let extra = self.action_cost.as_ref().map(|cost| cost.add_gradient(rewards, actor.output(), action_gradient));
         self.actor.online.backward(x, action_gradient, actor, Some(actor_gradient), None);
         self.actor.step(actor_gradient, tau);
-        (self.config.action_l2 * square_mean - value_mean, square_mean)
+        (self.config.action_l2 * square_mean - value_mean + extra.unwrap_or(0.0), square_mean)
     }
 }
 

@@ -48,6 +48,12 @@ impl Default for ExplorationConfig {
 }
 
 impl ExplorationConfig {
+    /// Multiplies the noise's standard deviation and the probability of random actions.
+    pub fn scale_noise(&mut self, factor: f32) {
+        self.noise_sigma *= factor;
+        self.random_probability *= factor;
+    }
+
     /// Independent Gaussian noise and single random steps in every episode.
     ///
     /// # Source

@@ -9,6 +9,7 @@
 //! Everything is `f32`, runs on the calling thread, and does no IO. Matrices are row-major: one row is one sample.
 #![forbid(unsafe_code)]
 
+mod action_cost;
 mod adam;
 mod checkpoint;
 mod config;
@@ -26,6 +27,7 @@ mod replay;
 pub mod rng;
 mod tensors;
 
+pub use action_cost::ActionCost;
 pub use adam::{Adam, AdamConfig};
 pub use config::DdpgConfig;
 pub use ddpg::{Ddpg, UpdateStats};

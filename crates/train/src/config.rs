@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use eigenhand_rl::{DdpgConfig, ExplorationConfig, HerConfig};
 use eigenhand_sim::{PhysicsConfig, RewardConfig, TaskConfig};
-use eigenhand_synergy::{PenaltyConfig, PenaltyForm};
+use eigenhand_synergy::{JointInfo, PenaltyConfig, PenaltyForm, Synergy, SynergyError};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
@@ -110,6 +110,10 @@ pub struct TrainingConfig {
     pub decay_start: f64,
     /// Factor on both learning rates at the end of training.
     pub final_learning_rate: f64,
+    /// Shares of training between which the exploration noise falls linearly to `final_noise`.
+    pub noise_decay: [f64; 2],
+    /// Factor on the noise's standard deviation and on the probability of random actions in the end.
+    pub final_noise: f64,
     /// Episodes that replay holds.
     pub replay_episodes: usize,
     /// Episodes between two checkpoints.
@@ -155,10 +159,40 @@ pub struct EvaluationConfig {
 pub struct SynergyConfig {
     /// Principal components. Default 5 (paper, section 3.1).
     pub components: usize,
-    /// The penalty is 0 until the database holds more postures than this. Default 100 (paper, section 4).
+    /// Newest postures that the analysis covers; 0 is all.
+    pub window: usize,
+    /// There is no feedback until the analysis covers more postures than this. Default 100 (paper, section 4).
     pub start_after: usize,
-    /// Form of the penalty.
+    /// Form of the penalty on the reward.
     pub penalty: PenaltyForm,
+    /// Weight, times lambda, of the squared distance from an action's command to those of the synergy, in the actor's
+    /// loss for transitions that succeed, in 1/rad^2.
+    pub command_weight: f64,
+}
+
+/// Returns the last `window` of `postures`, or all where it is 0.
+pub fn newest<P>(postures: &[P], window: usize) -> &[P] {
+    let covered = if window == 0 { postures.len() } else { window };
+    &postures[postures.len().saturating_sub(covered)..]
+}
+
+impl SynergyConfig {
+    /// Returns the newest postures of `postures`, which are what the analysis covers.
+    pub fn window<'a, P>(&self, postures: &'a [P]) -> &'a [P] {
+        newest(postures, self.window)
+    }
+
+    /// Fits the space to the newest of `postures`; none while there are no more than components.
+    ///
+    /// # Errors
+    /// [`SynergyError`] of a posture that does not belong to the joints.
+    pub fn fit(&self, joints: &[JointInfo], postures: &[Vec<f64>]) -> Result<Option<Synergy>, SynergyError> {
+        let covered = self.window(postures);
+        if covered.len() <= self.components {
+            return Ok(None);
+        }
+        Synergy::fit(joints, covered, self.components).map(Some)
+    }
 }
 
 /// Errors of a configuration.
@@ -338,6 +372,14 @@ impl RunConfig {
         )?;
         share("training.decay_start", t.decay_start)?;
         share("training.final_learning_rate", t.final_learning_rate)?;
+        share("training.final_noise", t.final_noise)?;
+        let [from, to] = t.noise_decay;
+        expect(
+            (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to),
+            "training.noise_decay",
+            "two rising numbers of 0 to 1",
+            format!("{:?}", t.noise_decay),
+        )?;
         positive("evaluation.every", self.evaluation.every)?;
         positive("evaluation.episodes", self.evaluation.episodes)?;
         expect(
@@ -348,7 +390,18 @@ impl RunConfig {
         )?;
         positive("evaluation.selection_episodes", self.evaluation.selection_episodes)?;
         positive("evaluation.final_episodes", self.evaluation.final_episodes)?;
-        positive("synergy.components", self.synergy.components as u64)?;
+        let synergy = &self.synergy;
+        positive("synergy.components", synergy.components as u64)?;
+        let least = synergy.components.max(synergy.start_after);
+        expect(
+            synergy.window == 0 || synergy.window > least,
+            "synergy.window",
+            &format!("0 or a number above {least}, as synergy.components and synergy.start_after need"),
+            synergy.window.to_string(),
+        )?;
+        let weight = self.synergy.command_weight;
+        let allowed = (0.0..=f64::MAX).contains(&weight);
+        expect(allowed, "synergy.command_weight", "a finite number of 0 or more", weight.to_string())?;
         self.penalty()
             .validate(self.reward.success, self.reward.failure)
             .map_err(|error| value(format!("synergy.penalty: {error}")))?;

@@ -8,12 +8,13 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, TensorMap, rng};
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry, SimError, scene};
-use eigenhand_synergy::{ActuationMap, PostureDatabase, Synergy, SynergyFile};
+use eigenhand_synergy::{PostureDatabase, Synergy, SynergyFile};
 use serde::Serialize;
 
+use crate::command_cost::actuation_map;
 use crate::config::RunConfig;
 use crate::files::{create_directory, write_atomically};
-use crate::run_dir::{read_config, read_provenance};
+use crate::run_dir::read_provenance;
 use crate::trainer::{DATABASE, joint_infos, task_of};
 use crate::{Provenance, TrainError};
 
@@ -123,18 +124,10 @@ pub(crate) fn write_products(products: &Products, directory: &Path) -> Result<()
 
 fn write_synergy(products: &Products, directory: &Path) -> Result<(), TrainError> {
     let Some(synergy) = products.synergy else { return Ok(()) };
-    let actuation = products.hand.actuation();
-    let (control_min, control_max) = products.task.control_ranges.iter().copied().unzip();
     let file = SynergyFile {
         hand: products.hand.manifest.name.clone(),
         synergy: synergy.clone(),
-        actuation: Some(ActuationMap {
-            actuators: products.task.actuators.clone(),
-            control_min,
-            control_max,
-            matrix: actuation.matrix,
-            offset: actuation.offset,
-        }),
+        actuation: Some(actuation_map(products.hand, products.task)),
         provenance: BTreeMap::from([
             ("hand_digest".to_owned(), products.provenance.hand_digest.clone()),
             ("lambda".to_owned(), products.config.lambda.to_string()),
@@ -261,12 +254,11 @@ pub struct LoadedRun {
 }
 
 impl LoadedRun {
-    /// Reads a run's configuration and policy; `hand` is the one that the configuration names.
+    /// Reads a run's policy, for the scene and task of `config`; `hand` is the one that the configuration names.
     ///
     /// # Errors
     /// [`TrainError::NotARun`] when there is no policy yet, [`TrainError::Damaged`] when a file cannot be read.
-    pub fn read(run: &Path, hand: Hand, library: &Arc<MuJoCo>) -> Result<LoadedRun, TrainError> {
-        let config = read_config(run)?;
+    pub fn read(run: &Path, config: RunConfig, hand: Hand, library: &Arc<MuJoCo>) -> Result<LoadedRun, TrainError> {
         let provenance = read_provenance(run)?;
         let task = task_of(&config, &hand, library)?;
         let path = run.join(POLICY);
@@ -306,11 +298,7 @@ impl LoadedRun {
     pub fn export(&self, run: &Path, out: &Path) -> Result<(), TrainError> {
         let database = PostureDatabase::open_existing(run.join(DATABASE))?;
         let postures = database.postures()?;
-        let synergy = if postures.len() > self.config.synergy.components {
-            Some(Synergy::fit(&joint_infos(&self.task), &postures, self.config.synergy.components)?)
-        } else {
-            None
-        };
+        let synergy = self.config.synergy.fit(&joint_infos(&self.task), &postures)?;
         let products = Products {
             hand: &self.hand,
             task: &self.task,
@@ -319,7 +307,7 @@ impl LoadedRun {
             policy: &self.policy,
             policy_episode: None,
             synergy: synergy.as_ref(),
-            postures: &postures,
+            postures: self.config.synergy.window(&postures),
         };
         write_products(&products, out)
     }

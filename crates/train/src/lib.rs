@@ -5,6 +5,7 @@ mod assess;
 pub mod bench;
 mod catalogue;
 mod checkpoint;
+mod command_cost;
 pub mod config;
 mod error;
 mod evaluation;

@@ -13,12 +13,13 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Policy, Replay, Which, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
-use eigenhand_synergy::{Feedback, JointInfo, PostureDatabase, PostureRecord, RunningCovariance, Synergy, Unit};
+use eigenhand_synergy::{ActuationMap, Feedback, JointInfo, PostureDatabase, PostureRecord, Synergy, Unit};
 
 use crate::checkpoint::{Checkpoints, Counters, Finalist, UpdateSums};
+use crate::command_cost::{actuation_map, command_cost};
 use crate::config::{ActorChoice, RunConfig};
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate};
-use crate::metrics::{MetricsFile, Row};
+use crate::metrics::{MetricsFile, MetricsTable, Row};
 use crate::progress::{Progress, Status};
 use crate::reward::GraspReward;
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
@@ -75,9 +76,10 @@ pub struct Trainer {
     replay: Replay,
     batch: Batch,
     reward: GraspReward,
-    exploration: Arc<ExplorationConfig>,
+    exploration: ExplorationConfig,
     joints: Vec<JointInfo>,
-    covariance: RunningCovariance,
+    actuation: ActuationMap,
+    postures: Vec<Vec<f64>>,
     database: PostureDatabase,
     checkpoints: Checkpoints,
     metrics: MetricsFile,
@@ -138,15 +140,13 @@ impl Trainer {
         }
         let episodes = trainer.counters.episodes;
         trainer.database.truncate_from_episode(episodes)?;
-        for posture in trainer.database.postures()? {
-            trainer.covariance.push(&posture)?;
-        }
-        if trainer.covariance.count() as u64 != trainer.counters.postures {
+        trainer.postures = trainer.database.postures()?;
+        if trainer.postures.len() as u64 != trainer.counters.postures {
             return Err(TrainError::Damaged {
                 path: trainer.run.file(DATABASE),
                 reason: format!(
                     "it holds {} postures up to episode {episodes}, but the checkpoint counts {}",
-                    trainer.covariance.count(),
+                    trainer.postures.len(),
                     trainer.counters.postures
                 ),
                 mend: "restore the file as it was, or train again with another --out".to_owned(),
@@ -181,7 +181,7 @@ impl Trainer {
         exploration.validate(shape.act_dim)?;
         let metrics = MetricsFile::open(run.path(), counters.episodes)?;
         let events = if config.tensorboard {
-            Some(EventFile::create(run.path(), provenance.started_unix_s, &metrics.rows()?)?)
+            Some(EventFile::create(run.path(), provenance.started_unix_s, &MetricsTable::read(run.path())?.rows())?)
         } else {
             None
         };
@@ -194,12 +194,13 @@ impl Trainer {
                 n_joints: joints.len(),
                 feedback: Feedback::new(&config.penalty()),
             },
-            covariance: RunningCovariance::new(joints.len()),
+            postures: Vec::new(),
             database: PostureDatabase::open(run.file(DATABASE), &joints)?,
             metrics,
             events,
-            exploration: Arc::new(exploration),
+            exploration,
             joints,
+            actuation: actuation_map(&hand, &task),
             counters,
             finalists: Vec::new(),
             started: Instant::now(),
@@ -272,6 +273,9 @@ impl Trainer {
     /// Hands the next cycle's episodes to the workers.
     fn submit(&mut self, first: u64) -> Result<u64, TrainError> {
         let policy = self.learner.policy(which(self.config.training.rollout_actor));
+        let mut exploration = self.exploration.clone();
+        exploration.scale_noise(self.noise_factor(first) as f32);
+        let exploration = Arc::new(exploration);
         let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
         let jobs: Vec<EpisodeJob> = (first..last)
             .map(|index| EpisodeJob {
@@ -282,9 +286,9 @@ impl Trainer {
                 goal_height: self.config.task.training_goal_height,
                 policy: policy.clone(),
                 behaviour: if index < self.config.training.warmup_episodes {
-                    Behaviour::Warmup(Arc::clone(&self.exploration))
+                    Behaviour::Warmup(Arc::clone(&exploration))
                 } else {
-                    Behaviour::Explore(Arc::clone(&self.exploration))
+                    Behaviour::Explore(Arc::clone(&exploration))
                 },
             })
             .collect();
@@ -334,18 +338,17 @@ impl Trainer {
         }
         self.database.insert_all(&postures)?;
         self.counters.postures += postures.len() as u64;
-        for record in &postures {
-            self.covariance.push(&record.posture)?;
-        }
+        self.postures.extend(postures.into_iter().map(|record| record.posture));
         self.refit()
     }
 
-    /// Computes the synergy of the postures so far.
+    /// Computes the synergy of the postures so far, and what follows from it for reward and actor.
     fn refit(&mut self) -> Result<(), TrainError> {
-        if self.covariance.count() > self.config.synergy.components {
-            let synergy = Synergy::from_covariance(&self.joints, &self.covariance, self.config.synergy.components)?;
-            self.reward.feedback.synergy = Some(Arc::new(synergy));
-        }
+        self.reward.feedback.synergy = self.config.synergy.fit(&self.joints, &self.postures)?.map(Arc::new);
+        let (weight, failure) = (self.config.lambda * self.config.synergy.command_weight, self.config.reward.failure);
+        let active = self.reward.feedback.active().filter(|_| weight > 0.0);
+        let cost = active.map(|synergy| command_cost(synergy, &self.actuation, weight, failure));
+        self.learner.set_action_cost(cost);
         Ok(())
     }
 
@@ -368,11 +371,20 @@ impl Trainer {
 
     fn set_learning_rates(&mut self) {
         let t = &self.config.training;
-        let done = self.counters.episodes as f64 / self.config.episodes as f64;
-        let decayed = ((done - t.decay_start) / (1.0 - t.decay_start).max(f64::EPSILON)).clamp(0.0, 1.0);
-        let factor = (1.0 - decayed * (1.0 - t.final_learning_rate)) as f32;
+        let factor = self.fall(self.counters.episodes, [t.decay_start, 1.0], t.final_learning_rate) as f32;
         let learner = &self.config.learner;
         self.learner.set_learning_rates(factor * learner.actor_lr, factor * learner.critic_lr);
+    }
+
+    /// Returns the factor on the exploration noise of an episode.
+    fn noise_factor(&self, episode: u64) -> f64 {
+        self.fall(episode, self.config.training.noise_decay, self.config.training.final_noise)
+    }
+
+    /// Falls linearly from 1 to `last` between two shares of training.
+    fn fall(&self, episode: u64, [from, to]: [f64; 2], last: f64) -> f64 {
+        let done = episode as f64 / self.config.episodes as f64;
+        1.0 - (1.0 - last) * ((done - from) / (to - from).max(f64::EPSILON)).clamp(0.0, 1.0)
     }
 
     fn evaluate_periodically(&mut self, progress: &mut dyn Progress) -> Result<(), TrainError> {
@@ -508,11 +520,8 @@ impl Trainer {
         };
         // The export simulates too, and the threads' simulations are most of what is not replay.
         drop(self.pool);
-        let postures = self.database.postures()?;
-        let synergy = match self.reward.feedback.synergy.take() {
-            Some(_) => Some(Synergy::fit(&self.joints, &postures, self.config.synergy.components)?),
-            None => None,
-        };
+        let synergy = self.reward.feedback.synergy.as_deref();
+        let postures = self.config.synergy.window(&self.postures);
         export::write_products(
             &export::Products {
                 hand: &self.hand,
@@ -521,8 +530,8 @@ impl Trainer {
                 provenance: &self.provenance,
                 policy: &policy,
                 policy_episode: Some(policy_episode),
-                synergy: synergy.as_ref(),
-                postures: &postures,
+                synergy,
+                postures,
             },
             self.run.path(),
         )?;
@@ -543,9 +552,9 @@ impl Trainer {
             policy_episode,
             last_evaluation: self.counters.last_evaluation,
             n_postures: self.counters.postures,
-            contribution: synergy.as_ref().map(|s| s.contribution().to_vec()).unwrap_or_default(),
-            contribution_sum: synergy.as_ref().map(Synergy::contribution_sum),
-            mean_error_rad: synergy.as_ref().map(|s| s.mean_error(&postures)),
+            contribution: synergy.map(|s| s.contribution().to_vec()).unwrap_or_default(),
+            contribution_sum: synergy.map(Synergy::contribution_sum),
+            mean_error_rad: synergy.map(|s| s.mean_error(postures)),
             diverged_episodes: self.counters.diverged,
             buffer_warnings: self.counters.buffer_warnings,
             eval_warnings: evaluation.as_ref().map(|e| e.warnings).unwrap_or_default(),
