@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use eigenhand_hands::Hand;
 use eigenhand_rl::EpisodeData;
-use eigenhand_synergy::{PostureDatabase, PostureRecord};
+use eigenhand_synergy::{PostureDatabase, PostureRecord, newest};
 use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
 
 use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, python_has, tiny};
@@ -305,22 +305,39 @@ print(json.dumps([
     assert_eq!(postures(&run).len() as u64, summary.n_postures);
     let npy = eigenhand_synergy::import(run.file("synergy")).unwrap();
     let rows: Vec<Vec<f64>> = postures(&run).into_iter().map(|p| p.posture).collect();
-    let covered = tiny(&[]).synergy.window(&rows);
+    let covered = newest(&rows, tiny(&[]).synergy.window);
     assert!(covered.len() < rows.len(), "the test needs more postures than the analysis covers");
     assert_eq!(npy.postures, covered, "postures.npy holds the database's newest rows");
+}
+
+/// A single component, which leaves directions that the gripper's commands can be drawn out of.
+const FEEDBACK: [&str; 3] =
+    ["synergy.penalty={ kind = \"none\" }", "synergy.components=1", "synergy.command_weight=50"];
+
+#[test]
+fn feedback_into_the_actor_survives_a_stop_and_any_number_of_workers() {
+    let whole = Run::new(gripper());
+    let summary = whole.train(&tiny(&FEEDBACK));
+    let run = Run::new(gripper());
+    let stop = AtomicBool::new(false);
+    run.start(&tiny(&FEEDBACK), &stop, &mut StopAfter { episodes: 20, stop: &stop });
+    assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
+    let again = Run::new(gripper());
+    let same = again.train(&tiny(&[&FEEDBACK[..], &["workers=3"]].concat()));
+    assert_same((&whole, summary), (&again, same));
 }
 
 #[test]
 fn the_feedback_into_the_actor_changes_what_it_learns_and_only_with_lambda() {
     let policy = |changes: &[&str]| {
         let run = Run::new(gripper());
-        run.train(&tiny(&[&["synergy.penalty={ kind = \"none\" }", "synergy.components=1"], changes].concat()));
+        run.train(&tiny(&[&FEEDBACK[..], changes].concat()));
         run.bytes("policy.safetensors")
     };
     let without = policy(&["lambda=0"]);
-    assert!(policy(&["lambda=0", "synergy.command_weight=50"]) == without);
+    assert!(policy(&["lambda=0", "synergy.command_weight=5"]) == without);
     assert!(policy(&["lambda=1", "synergy.command_weight=0"]) == without);
-    let with = policy(&["lambda=1", "synergy.command_weight=50"]);
+    let with = policy(&["lambda=1"]);
     assert!(with != without);
     assert!(policy(&["lambda=2", "synergy.command_weight=25"]) == with);
 }

@@ -45,13 +45,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !args.json {
         let hand = &run.hand.manifest.name;
         eprintln!(
-            "evaluating {hand} of {} on {} fresh episodes, seed {}",
+            "evaluating {hand} of {} on {} fresh episodes, seed {}{}{}",
             args.run.display(),
             args.episodes,
-            args.seed
+            args.seed,
+            if args.assignments.is_empty() { "" } else { ", with " },
+            args.assignments.join(", ")
         );
     }
-    let found = assess(&run, &args.run, args.episodes, args.seed, workers)?;
+    let found = assess(&run, &args.run, &args.assignments, args.episodes, args.seed, workers)?;
     if args.json {
         print_json(&found)?
     } else {

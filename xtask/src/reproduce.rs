@@ -45,7 +45,7 @@ pub struct Args {
     hand: Option<String>,
     #[command(flatten)]
     settings: SettingsArgs,
-    /// Weights of the synergy's approximation error in the reward, separated by commas
+    /// Weights of the synergy's feedback, separated by commas
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
     lambda: Vec<f64>,
     /// Number of seeds, from 1 on, or a list such as 1,2,5 or 4-8

@@ -43,7 +43,7 @@ pub struct Args {
     hand: Option<String>,
     #[command(flatten)]
     settings: SettingsArgs,
-    /// Weight of the synergy's approximation error in the reward; 0 turns it off
+    /// Weight of the synergy's feedback; 0 turns it off
     #[arg(long, value_name = "X")]
     lambda: Option<f64>,
     /// Seed of all random numbers
@@ -81,7 +81,7 @@ pub struct SettingsArgs {
     /// Settings to start from [default: default, or what the configuration file names]
     #[arg(long, value_name = "NAME", value_enum)]
     pub preset: Option<PresetName>,
-    /// Training episodes of a run in all; a resumed run can be extended
+    /// Training episodes of a run in all
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
     pub episodes: Option<u64>,
     /// Objects to grasp, separated by commas
@@ -171,6 +171,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             eprintln!("continue with: {resume}");
             Ok(Outcome::Interrupted)
         }
+    }
+}
+
+/// Says which postures a synergy is of.
+fn postures_covered(n_postures: u64, window: usize) -> String {
+    match window as u64 {
+        window if (1..n_postures).contains(&window) => {
+            format!("the newest {window} of {}", counted(n_postures, "posture"))
+        }
+        _ => counted(n_postures, "posture"),
     }
 }
 
@@ -278,7 +288,7 @@ fn describe(plan: &Plan, summary: &Summary) -> String {
                 &format!(
                     "{} components of {}: {} = {:.1} % of the variance, mean error {error:.3} rad",
                     rates.len(),
-                    counted(summary.n_postures, "posture"),
+                    postures_covered(summary.n_postures, plan.window),
                     rates.join(" + "),
                     100.0 * sum
                 ),

@@ -195,6 +195,15 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
     assert_eq!(first, again("3"));
     assert_ne!(first["mean_final_distance_m"], again("4")["mean_final_distance_m"]);
 
+    let changed =
+        |setting: &str| run(&["eval", out_text, "--episodes", "6", "--seed", "3", "--json", "--set", setting]);
+    let slippery = json(&changed("physics.object_friction=[0.01, 0.001, 0.0001]"));
+    assert_eq!(slippery["changed"][0], "physics.object_friction=[0.01, 0.001, 0.0001]");
+    assert_ne!(slippery["mean_final_distance_m"], first["mean_final_distance_m"]);
+    for setting in ["learner.gamma=0.9", "task.observe_shape=false", "reward.failure=-2"] {
+        assert_error(&changed(setting), USAGE, &[setting, "physics.*"]);
+    }
+
     let exported = json(&run(&["export", out_text, "--out", export_text, "--json"]));
     let files: Vec<&str> = exported["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
     assert!(files.iter().any(|file| file.ends_with("policy.toml")), "{files:?}");

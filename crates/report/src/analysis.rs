@@ -38,7 +38,7 @@ pub struct Analysis {
 pub struct RunRecord {
     /// Name of its directory.
     pub run: String,
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
@@ -60,9 +60,9 @@ pub struct RunRecord {
     pub contribution: Vec<f64>,
     /// Their sum.
     pub contribution_sum: Option<f64>,
-    /// What the sum gained from the first evaluation with the penalty's number of postures to the last.
+    /// What the sum gained from the first evaluation with enough postures for feedback to the last.
     pub contribution_change: Option<f64>,
-    /// Mean approximation error over the database, in rad.
+    /// Mean approximation error over the postures that the synergy is of, in rad.
     pub mean_error_rad: Option<f64>,
     /// Postures in the database.
     pub n_postures: u64,
@@ -86,7 +86,7 @@ pub struct Reached {
 /// The runs of one lambda.
 #[derive(Clone, Debug, Serialize)]
 pub struct LambdaRecord {
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: f64,
     /// Runs.
     pub n_runs: usize,
@@ -143,7 +143,7 @@ pub enum Quantity {
     ContributionSum,
     /// Change of that sum along training.
     ContributionChange,
-    /// Mean approximation error over the database.
+    /// Mean approximation error over the postures that the synergy is of.
     MeanErrorRad,
     /// Postures in the database.
     NPostures,

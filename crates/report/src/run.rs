@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError};
-use eigenhand_train::config::{ConfigError, newest};
+use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError, newest};
+use eigenhand_train::config::ConfigError;
 use eigenhand_train::{
     DATABASE, MetricsTable, Provenance, Settings, Summary, TrainError, is_run, read_provenance, read_settings,
     reproduce,
@@ -18,7 +18,7 @@ pub struct Run {
     pub path: PathBuf,
     /// The directory's own name.
     pub name: String,
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
@@ -26,7 +26,7 @@ pub struct Run {
     pub episodes: u64,
     /// Principal components of its synergy.
     pub components: usize,
-    /// Postures above which there is a penalty.
+    /// Postures above which there is feedback.
     pub start_after: u64,
     /// All its settings.
     pub settings: Settings,
@@ -36,7 +36,7 @@ pub struct Run {
     pub summary: Option<Summary>,
     /// Its evaluations during training.
     pub metrics: MetricsTable,
-    /// Approximation error of every posture in its database by the components of that database, ascending.
+    /// Approximation error of every posture that its synergy is of, ascending.
     pub errors: Vec<f64>,
 }
 
@@ -152,12 +152,9 @@ fn errors(database: &Path, components: usize, window: usize) -> Result<Vec<f64>,
     }
     let database = PostureDatabase::open_existing(database)?;
     let postures = database.postures()?;
-    let covered = newest(&postures, window);
-    if covered.len() <= components {
-        return Ok(Vec::new());
-    }
-    let synergy = Synergy::fit(database.joints(), covered, components)?;
-    let mut errors: Vec<f64> = covered.iter().map(|posture| synergy.error(posture)).collect();
+    let synergy = Synergy::fit_newest(database.joints(), &postures, components, window)?;
+    let Some(synergy) = synergy else { return Ok(Vec::new()) };
+    let mut errors: Vec<f64> = newest(&postures, window).iter().map(|posture| synergy.error(posture)).collect();
     errors.sort_by(f64::total_cmp);
     Ok(errors)
 }

@@ -137,8 +137,8 @@ fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
     let words = Words::of(Quantity::ContributionChange);
     let change = words.signed(lambda.quantities.get(Quantity::ContributionChange.key())?.iqm);
     Some(format!(
-        "With lambda {}, the sum of the contribution rates {direction} from the first evaluation with enough postures for the \
-         penalty to the last ({change} points{}).",
+        "With lambda {}, the sum of the contribution rates {direction} from the first evaluation with enough postures for \
+         feedback to the last ({change} points{}).",
         lambda.lambda,
         if n == 1 { "" } else { ", interquartile mean" }
     ))

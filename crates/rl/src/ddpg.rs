@@ -91,6 +91,8 @@ struct Scratch {
     targets: Vec<f32>,
     value_gradient: Vec<f32>,
     action_gradient: Vec<f32>,
+    /// For [`ActionCost`], 2 x act_dim.
+    deviations: Vec<f32>,
     actor: MlpScratch,
     critic: MlpScratch,
     actor_gradient: Vec<f32>,
@@ -133,6 +135,7 @@ impl Ddpg {
             targets: vec![0.0; batch],
             value_gradient: vec![0.0; batch],
             action_gradient: vec![0.0; batch * act_dim],
+            deviations: vec![0.0; 2 * act_dim],
             actor: actor.scratch(batch),
             critic: critics[0].online.scratch(batch),
             actor_gradient: vec![0.0; actor.parameters().len()],
@@ -334,7 +337,8 @@ impl Ddpg {
     /// Returns the loss and the mean square of the actions.
     fn update_actor(&mut self, tau: Option<f32>, rewards: &[f32]) -> (f32, f32) {
         let act_dim = self.act_dim();
-        let Scratch { input, value_gradient, action_gradient, actor, critic, actor_gradient, .. } = &mut self.scratch;
+        let Scratch { input, value_gradient, action_gradient, deviations, actor, critic, actor_gradient, .. } =
+            &mut self.scratch;
         let n = value_gradient.len();
         let stride = input.len() / n;
         let actions = self.actor.online.forward(Rows { data: input, stride }, actor);
@@ -349,10 +353,13 @@ impl Ddpg {
 
         let l2 = 2.0 * self.config.action_l2 / actions_len(n, act_dim);
         action_gradient.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += l2 * a);
-        let extra = self.action_cost.as_ref().map(|cost| cost.add_gradient(rewards, actor.output(), action_gradient));
+        let cost = self
+            .action_cost
+            .as_ref()
+            .map(|cost| cost.add_gradient(rewards, actor.output(), action_gradient, deviations));
         self.actor.online.backward(x, action_gradient, actor, Some(actor_gradient), None);
         self.actor.step(actor_gradient, tau);
-        (self.config.action_l2 * square_mean - value_mean + extra.unwrap_or(0.0), square_mean)
+        (self.config.action_l2 * square_mean - value_mean + cost.unwrap_or(0.0), square_mean)
     }
 }
 

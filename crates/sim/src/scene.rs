@@ -58,7 +58,7 @@ impl Scene {
         let mut root = element("mujoco", &[("model", format!("{}-{}", hand.manifest.name, object.name))]);
         append(&mut root, compiler(model));
         append(&mut root, option(physics));
-        append(&mut root, size(model));
+        append(&mut root, size(model, physics));
         append(&mut root, visual());
         append(&mut root, defaults(model));
 
@@ -153,14 +153,20 @@ fn option(physics: &PhysicsConfig) -> Element {
     )
 }
 
-/// Buffers that hold every contact the hand can have: a few for each of its geoms, six rows each.
-fn size(model: &Element) -> Element {
+/// Room for several times the contacts of a grasp. Every thread allocates it once for each object, and steps at which it
+/// is full are counted.
+fn size(model: &Element, physics: &PhysicsConfig) -> Element {
     fn geoms(parent: &Element) -> usize {
         elements(parent).map(|child| usize::from(child.name == "geom") + geoms(child)).sum()
     }
     let hand_geoms: usize = elements(model).filter(|s| s.name == "worldbody").map(geoms).sum();
-    let contacts = 40 + 4 * hand_geoms;
-    element("size", &[("nconmax", contacts.to_string()), ("njmax", (6 * contacts + 200).to_string())])
+    let contacts = 30 + 2 * hand_geoms;
+    // Of the object's contacts, which have six dimensions.
+    let rows = match physics.cone {
+        Cone::Elliptic => 6,
+        Cone::Pyramidal => 10,
+    };
+    element("size", &[("nconmax", contacts.to_string()), ("njmax", (rows * contacts + 200).to_string())])
 }
 
 fn visual() -> Element {

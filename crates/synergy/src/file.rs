@@ -111,6 +111,7 @@ const HEADER: &str = "\
 #   command  ctrl = matrix q + offset, clamped to the control ranges (section [actuation])
 # `components` has orthonormal rows; in each, the first entry of the largest absolute value is positive.
 # `explained_variance` is the sample variance along each row, `contribution` its share of `total_variance`.
+# It is of the `n_postures` postures in postures.npy.
 
 ";
 

@@ -1,5 +1,6 @@
-//! Postural synergies: the database of successful postures, the principal component analysis of it, the penalty that
-//! feeds the approximation error back into a reward, and the files a controller takes home.
+//! Postural synergies: the database of successful postures, the principal component analysis of it, what feeds it
+//! back into learning (a penalty on the reward, the commands that the components can give), and the files a controller
+//! takes home.
 //!
 //! The crate knows nothing of learning, simulation or any particular hand: a posture is a row of numbers, one for each
 //! named joint.
@@ -49,5 +50,5 @@ pub use error::SynergyError;
 pub use export::{Import, export, import};
 pub use file::{SCHEMA, SynergyFile};
 pub use joint::{JointInfo, Unit};
-pub use pca::Synergy;
+pub use pca::{Synergy, newest};
 pub use penalty::{Feedback, PenaltyConfig, PenaltyForm};

@@ -32,6 +32,12 @@ pub struct Synergy {
     projector: Projector,
 }
 
+/// Returns the last `window` of `postures`, or all where it is 0.
+pub fn newest<P>(postures: &[P], window: usize) -> &[P] {
+    let covered = if window == 0 { postures.len() } else { window };
+    &postures[postures.len().saturating_sub(covered)..]
+}
+
 impl Synergy {
     /// Fits the space of `k` components to `postures`.
     ///
@@ -53,6 +59,23 @@ impl Synergy {
         let mut synergy = Self::decompose(joints, mean, &covariance, postures.len(), k)?;
         synergy.set_coefficient_range(postures)?;
         Ok(synergy)
+    }
+
+    /// Fits the space of `k` components to the [`newest`] `window` of `postures`; none while there are no more than `k`.
+    ///
+    /// # Errors
+    /// As [`Synergy::fit`].
+    pub fn fit_newest<P: AsRef<[f64]>>(
+        joints: &[JointInfo],
+        postures: &[P],
+        k: usize,
+        window: usize,
+    ) -> Result<Option<Self>, SynergyError> {
+        let covered = newest(postures, window);
+        if covered.len() <= k {
+            return Ok(None);
+        }
+        Self::fit(joints, covered, k).map(Some)
     }
 
     /// Finds the space of `k` components of a running covariance; see [`Synergy::fit`] for `k`.

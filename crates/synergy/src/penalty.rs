@@ -28,7 +28,7 @@ pub enum PenaltyForm {
         /// The largest penalty, in units of reward.
         cap: f64,
     },
-    /// `cap min(1, lambda e^2 / |d|^2)`: the share of the posture's variance that the space does not express.
+    /// `cap min(1, lambda e^2 / |d|^2)`: the share of the squared deviation that the space does not express.
     Share {
         /// The largest penalty, in units of reward.
         cap: f64,
@@ -70,7 +70,7 @@ pub struct PenaltyConfig {
     pub lambda: f64,
     /// How the penalty grows; default saturating at 0.9, for rewards of 0 and -1.
     pub form: PenaltyForm,
-    /// The penalty is 0 until the database holds more postures than this; default 100 (section 4).
+    /// There is no feedback until the space is of more postures than this; default 100 (section 4).
     pub start_after: usize,
 }
 
@@ -96,14 +96,14 @@ impl PenaltyConfig {
             let above_failure = worst_success > r_failure as f32;
             if !(cap > 0.0 && above_failure) {
                 let expected = format!("a number above 0 and below r_success - r_failure = {}", r_success - r_failure);
-                return fail("form.cap", &expected, cap);
+                return fail("cap", &expected, cap);
             }
         }
         Ok(())
     }
 }
 
-/// The feedback of the current synergy space into the reward.
+/// The feedback of the current synergy space into what is learned.
 #[derive(Debug, Clone)]
 pub struct Feedback {
     /// The space; none before the first analysis.
@@ -112,7 +112,7 @@ pub struct Feedback {
     pub lambda: f64,
     /// How the penalty grows.
     pub form: PenaltyForm,
-    /// The penalty is 0 unless the space was fitted to more postures than this.
+    /// There is no feedback unless the space was fitted to more postures than this.
     pub start_after: usize,
 }
 
@@ -123,7 +123,7 @@ impl Feedback {
         Feedback { synergy: None, lambda, form, start_after }
     }
 
-    /// Returns the space if a penalty is subtracted now: there is one, of enough postures, and `lambda` is not 0.
+    /// Returns the space if it feeds back now: there is one, of enough postures, and `lambda` is not 0.
     pub fn active(&self) -> Option<&Synergy> {
         self.synergy.as_deref().filter(|synergy| self.lambda != 0.0 && synergy.n_postures() > self.start_after)
     }
@@ -137,6 +137,7 @@ impl Feedback {
     /// Section 2.2, and section 4 for its start.
     pub fn penalty(&self, posture: &[f32]) -> f32 {
         match self.active() {
+            Some(_) if self.form == PenaltyForm::None => 0.0,
             Some(synergy) => {
                 let (error, deviation) = synergy.error_and_deviation_f32(posture);
                 self.form.penalty(self.lambda, f64::from(error), f64::from(deviation)) as f32
@@ -211,7 +212,7 @@ mod tests {
         let cap = |cap| PenaltyConfig { form: PenaltyForm::Saturating { cap }, ..valid };
         for config in [cap(1.0), cap(1.5), cap(0.0), cap(-0.1), cap(f64::NAN), cap(1.0 - 1e-12)] {
             let message = config.validate(0.0, -1.0).unwrap_err().to_string();
-            assert!(message.contains("form.cap") && message.contains("r_success - r_failure = 1"), "{message}");
+            assert!(message.contains("cap") && message.contains("r_success - r_failure = 1"), "{message}");
         }
         for lambda in [-1.0, f64::NAN, f64::INFINITY] {
             let config = PenaltyConfig { lambda, form: PenaltyForm::Literal, ..valid };

@@ -16,10 +16,12 @@ pub struct Assessment {
     pub run: PathBuf,
     /// Name of the hand.
     pub hand: String,
-    /// Weight of the approximation error in training.
+    /// Weight of the synergy's feedback in training.
     pub lambda: f64,
     /// Seed of the evaluation's episodes.
     pub seed: u64,
+    /// Settings, as `key=value`, in which the scene was not that of training.
+    pub changed: Vec<String>,
     /// Episodes; one that diverged counts as a failure.
     pub episodes: u64,
     /// Episodes that succeeded.
@@ -55,7 +57,8 @@ pub struct ObjectScore {
     pub interval: [f64; 2],
 }
 
-/// Runs `episodes` episodes of a run's policy without exploration.
+/// Runs `episodes` episodes of a run's policy without exploration, in the scene that it was [loaded](crate::launch::load)
+/// with.
 ///
 /// The episodes depend on `seed` alone, and come from a random stream that no training uses.
 ///
@@ -64,6 +67,7 @@ pub struct ObjectScore {
 pub fn assess(
     run: &LoadedRun,
     directory: &Path,
+    changed: &[String],
     episodes: u64,
     seed: u64,
     workers: usize,
@@ -85,6 +89,7 @@ pub fn assess(
         hand: run.hand.manifest.name.clone(),
         lambda: run.config.lambda,
         seed,
+        changed: changed.to_vec(),
         episodes: found.episodes,
         successes,
         success_rate: found.success_rate,

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 
 use eigenhand_rl::{DdpgConfig, ExplorationConfig, HerConfig};
 use eigenhand_sim::{PhysicsConfig, RewardConfig, TaskConfig};
-use eigenhand_synergy::{JointInfo, PenaltyConfig, PenaltyForm, Synergy, SynergyError};
+use eigenhand_synergy::{PenaltyConfig, PenaltyForm};
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
+
+use crate::settings;
 
 const DEFAULT: &str = include_str!("presets/default.toml");
 const QUICK: &str = include_str!("presets/quick.toml");
@@ -17,6 +19,8 @@ const PAPER: &str = include_str!("presets/paper.toml");
 
 /// Version of the configuration's keys.
 pub const SCHEMA: u32 = 1;
+/// Largest weight of a feedback, which single precision squares without overflow.
+const LARGEST_WEIGHT: f64 = 1e6;
 
 /// A named set of deviations from the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,7 +66,7 @@ pub struct RunConfig {
     pub preset: Preset,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Weight of the approximation error in the reward (paper, section 2.2).
+    /// Weight of the synergy's feedback into the learner; in the reward that of the approximation error (paper, section 2.2).
     pub lambda: f64,
     /// Training episodes.
     pub episodes: u64,
@@ -122,6 +126,23 @@ pub struct TrainingConfig {
     pub checkpoints_kept: usize,
 }
 
+impl TrainingConfig {
+    /// (share of training that is done) => the factor on the learning rates
+    pub fn learning_rate_factor(&self, done: f64) -> f64 {
+        fall(done, [self.decay_start, 1.0], self.final_learning_rate)
+    }
+
+    /// (share of training that is done) => the factor on the exploration noise
+    pub fn noise_factor(&self, done: f64) -> f64 {
+        fall(done, self.noise_decay, self.final_noise)
+    }
+}
+
+/// Falls linearly from 1 to `last` between two shares of training.
+fn fall(done: f64, [from, to]: [f64; 2], last: f64) -> f64 {
+    if done >= to { last } else { 1.0 - (1.0 - last) * ((done - from) / (to - from)).max(0.0) }
+}
+
 /// Which of the learner's actors acts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -153,7 +174,7 @@ pub struct EvaluationConfig {
     pub selection_episodes: u64,
 }
 
-/// The synergy space and its feedback into the reward.
+/// The synergy space and its feedback into the learner.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SynergyConfig {
@@ -168,31 +189,6 @@ pub struct SynergyConfig {
     /// Weight, times lambda, of the squared distance from an action's command to those of the synergy, in the actor's
     /// loss for transitions that succeed, in 1/rad^2.
     pub command_weight: f64,
-}
-
-/// Returns the last `window` of `postures`, or all where it is 0.
-pub fn newest<P>(postures: &[P], window: usize) -> &[P] {
-    let covered = if window == 0 { postures.len() } else { window };
-    &postures[postures.len().saturating_sub(covered)..]
-}
-
-impl SynergyConfig {
-    /// Returns the newest postures of `postures`, which are what the analysis covers.
-    pub fn window<'a, P>(&self, postures: &'a [P]) -> &'a [P] {
-        newest(postures, self.window)
-    }
-
-    /// Fits the space to the newest of `postures`; none while there are no more than components.
-    ///
-    /// # Errors
-    /// [`SynergyError`] of a posture that does not belong to the joints.
-    pub fn fit(&self, joints: &[JointInfo], postures: &[Vec<f64>]) -> Result<Option<Synergy>, SynergyError> {
-        let covered = self.window(postures);
-        if covered.len() <= self.components {
-            return Ok(None);
-        }
-        Synergy::fit(joints, covered, self.components).map(Some)
-    }
 }
 
 /// Errors of a configuration.
@@ -256,6 +252,29 @@ impl Layers {
         }
         layers.set("preset", Value::String(preset.name().to_owned()), "--preset")?;
         Ok(layers)
+    }
+
+    /// Starts from a resolved configuration, as a run directory holds it.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the file and the key, also one that it lacks: a run goes on as it began, whatever the
+    /// defaults have become.
+    pub fn of_run(path: &Path) -> Result<Layers, ConfigError> {
+        let mut layers = Layers::new(Preset::Default)?;
+        let required = RunConfig::settings(&layers.resolve()?)?;
+        layers.add_file(path)?;
+        let text =
+            std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })?;
+        let origin = path.display().to_string();
+        let written = settings::parse(&origin, &text)?;
+        let replaced = |key: &str| WHOLE.iter().any(|whole| key.starts_with(whole));
+        match required.into_keys().find(|key| !written.contains_key(key) && !replaced(key)) {
+            Some(key) => Err(ConfigError::Value {
+                origin,
+                reason: format!("{key} is absent: another version wrote it; use that version, or train again"),
+            }),
+            None => Ok(layers),
+        }
     }
 
     /// Adds a file.
@@ -399,9 +418,17 @@ impl RunConfig {
             &format!("0 or a number above {least}, as synergy.components and synergy.start_after need"),
             synergy.window.to_string(),
         )?;
-        let weight = self.synergy.command_weight;
-        let allowed = (0.0..=f64::MAX).contains(&weight);
-        expect(allowed, "synergy.command_weight", "a finite number of 0 or more", weight.to_string())?;
+        let weight = |key: &str, got: f64| {
+            expect((0.0..=LARGEST_WEIGHT).contains(&got), key, "a number from 0 to 1e6", got.to_string())
+        };
+        weight("lambda", self.lambda)?;
+        weight("synergy.command_weight", synergy.command_weight)?;
+        expect(
+            synergy.command_weight == 0.0 || synergy.penalty != PenaltyForm::Literal,
+            "synergy.command_weight",
+            "0 beside a literal penalty, which can make a success earn less than a failure",
+            synergy.command_weight.to_string(),
+        )?;
         self.penalty()
             .validate(self.reward.success, self.reward.failure)
             .map_err(|error| value(format!("synergy.penalty: {error}")))?;
@@ -439,9 +466,7 @@ impl RunConfig {
     /// # Errors
     /// [`ConfigError`] names the file and the key.
     pub fn read(path: &Path) -> Result<RunConfig, ConfigError> {
-        let mut layers = Layers::new(Preset::Default)?;
-        layers.add_file(path)?;
-        layers.resolve()
+        Layers::of_run(path)?.resolve()
     }
 }
 
@@ -529,6 +554,29 @@ mod tests {
     }
 
     #[test]
+    fn rates_and_noise_fall_between_two_shares_of_training() {
+        for (done, expected) in [(0.0, 1.0), (0.6, 1.0), (0.75, 0.6), (0.9, 0.2), (1.0, 0.2)] {
+            assert!((fall(done, [0.6, 0.9], 0.2) - expected).abs() < 1e-12, "{done}");
+        }
+        assert_eq!([0.0, 0.999, 1.0].map(|done| fall(done, [1.0, 1.0], 0.2)), [1.0, 1.0, 0.2]);
+        let training = default().resolve().expect("compiled in").training;
+        assert_eq!(training.noise_factor(1.0), training.final_noise);
+        assert_eq!(training.learning_rate_factor(training.decay_start), 1.0);
+    }
+
+    #[test]
+    fn a_runs_configuration_is_complete() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("config.toml");
+        let text = default().resolve().and_then(|config| config.to_toml()).expect("compiled in");
+        let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("window")).collect();
+        assert!(without.len() < text.lines().count());
+        std::fs::write(&path, without.join("\n")).expect("writable");
+        let message = RunConfig::read(&path).expect_err("incomplete").to_string();
+        assert!(message.contains("synergy.window is absent"), "{message}");
+    }
+
+    #[test]
     fn values_are_checked() {
         for (assignment, part) in [
             ("lambda=-1", "lambda = -1"),
@@ -536,6 +584,12 @@ mod tests {
             ("task.goal_height=[0.2, 0.1]", "task.goal_height"),
             ("physics.timestep=0", "physics.timestep"),
             ("learner.gamma=2", "gamma"),
+            ("lambda=1e300", "lambda"),
+            ("synergy.command_weight=inf", "synergy.command_weight"),
+            ("synergy.penalty={ kind = \"literal\" }", "synergy.command_weight"),
+            ("synergy.window=100", "synergy.window"),
+            ("training.noise_decay=[0.9, 0.6]", "training.noise_decay"),
+            ("training.final_noise=2", "training.final_noise"),
         ] {
             let mut layers = default();
             layers.add_assignment(assignment).expect("known");

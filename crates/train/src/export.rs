@@ -8,7 +8,7 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, TensorMap, rng};
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, ObservationEntry, SimError, scene};
-use eigenhand_synergy::{PostureDatabase, Synergy, SynergyFile};
+use eigenhand_synergy::{PostureDatabase, Synergy, SynergyFile, newest};
 use serde::Serialize;
 
 use crate::command_cost::actuation_map;
@@ -298,7 +298,8 @@ impl LoadedRun {
     pub fn export(&self, run: &Path, out: &Path) -> Result<(), TrainError> {
         let database = PostureDatabase::open_existing(run.join(DATABASE))?;
         let postures = database.postures()?;
-        let synergy = self.config.synergy.fit(&joint_infos(&self.task), &postures)?;
+        let config = &self.config.synergy;
+        let synergy = Synergy::fit_newest(&joint_infos(&self.task), &postures, config.components, config.window)?;
         let products = Products {
             hand: &self.hand,
             task: &self.task,
@@ -307,7 +308,7 @@ impl LoadedRun {
             policy: &self.policy,
             policy_episode: None,
             synergy: synergy.as_ref(),
-            postures: self.config.synergy.window(&postures),
+            postures: newest(&postures, config.window),
         };
         write_products(&products, out)
     }

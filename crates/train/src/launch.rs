@@ -16,7 +16,7 @@ use crate::config::{ConfigError, Layers, Preset, RunConfig};
 use crate::files::write_atomically;
 use crate::logging::{Logged, RunLog};
 use crate::progress::Progress;
-use crate::run_dir::{CONFIG, read_config, read_provenance};
+use crate::run_dir::{CONFIG, read_provenance, require_run};
 use crate::trainer::task_of;
 use crate::{LoadedRun, Provenance, RunDirectory, Summary, TrainError, Trainer};
 
@@ -31,7 +31,7 @@ pub struct NewRun {
     pub file: Option<PathBuf>,
     /// Assignments `key=value` with dotted keys.
     pub assignments: Vec<String>,
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: Option<f64>,
     /// Seed.
     pub seed: Option<u64>,
@@ -81,12 +81,14 @@ pub struct Plan {
     pub objects: Vec<String>,
     /// Preset.
     pub preset: Preset,
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
     /// Training episodes in all.
     pub episodes: u64,
+    /// Newest postures that the synergy is of; 0 is all.
+    pub window: usize,
     /// Training episodes that are done already.
     pub episodes_done: u64,
     /// Threads that simulate.
@@ -207,6 +209,7 @@ impl Plan {
             lambda: config.lambda,
             seed: config.seed,
             episodes: config.episodes,
+            window: config.synergy.window,
             episodes_done: 0,
             workers: config.worker_count(),
             mujoco_version: library.version(),
@@ -308,7 +311,16 @@ fn check_digest(run: &Path, hand: &Hand, provenance: &Provenance) -> Result<(), 
 }
 
 /// Keys of the configuration that say where a policy acts and what counts as success, not how it learned.
-const SCENE_KEYS: [&str; 3] = ["physics.", "reward.", "task."];
+const SCENE_KEYS: [&str; 8] = [
+    "physics.",
+    "reward.success_distance",
+    "task.final_steps",
+    "task.goal_height",
+    "task.object_range",
+    "task.orientation",
+    "task.settle_time",
+    "task.steps",
+];
 
 /// Reads a run and the hand it was made with; each of `assignments` is a `key=value` that changes its scene.
 ///
@@ -316,25 +328,19 @@ const SCENE_KEYS: [&str; 3] = ["physics.", "reward.", "task."];
 /// As [`LoadedRun::read`], [`TrainError::HandChanged`] when the hand's files are no longer the same, and
 /// [`ConfigError`] for an assignment that cannot be used or that no evaluation would notice.
 pub fn load(run: &Path, plugins: &[PathBuf], assignments: &[String]) -> Result<LoadedRun, TrainError> {
-    let mut config = read_config(run)?;
-    if !assignments.is_empty() {
-        let mut layers = Layers::new(Preset::Default)?;
-        layers.add_file(&run.join(CONFIG))?;
-        for assignment in assignments {
-            if !SCENE_KEYS.iter().any(|prefix| assignment.trim_start().starts_with(prefix)) {
-                return Err(ConfigError::Value {
-                    origin: format!("--set {assignment}"),
-                    reason: format!(
-                        "an evaluation depends only on keys that begin with {}",
-                        SCENE_KEYS.map(|prefix| format!("{prefix:?}")).join(", ")
-                    ),
-                }
-                .into());
-            }
-            layers.add_assignment(assignment)?;
+    require_run(run)?;
+    let mut layers = Layers::of_run(&run.join(CONFIG))?;
+    for assignment in assignments {
+        layers.add_assignment(assignment)?;
+        let key = assignment.split('=').next().unwrap_or_default().trim();
+        if !SCENE_KEYS.iter().any(|known| key == *known || (known.ends_with('.') && key.starts_with(known))) {
+            let origin = format!("--set {assignment}");
+            let reason =
+                format!("an evaluation depends only on {}", SCENE_KEYS.join(", ").replace("physics.", "physics.*"));
+            return Err(ConfigError::Value { origin, reason }.into());
         }
-        config = layers.resolve()?;
     }
+    let config = layers.resolve()?;
     let provenance = read_provenance(run)?;
     let hand = hand_named(&config.hand, plugins)?;
     check_digest(run, &hand, &provenance)?;

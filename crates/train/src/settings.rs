@@ -34,7 +34,7 @@ pub fn read_settings(run: &Path) -> Result<Settings, TrainError> {
     Ok(parse(&path.display().to_string(), &text)?)
 }
 
-fn parse(origin: &str, text: &str) -> Result<Settings, ConfigError> {
+pub(crate) fn parse(origin: &str, text: &str) -> Result<Settings, ConfigError> {
     let table: Table = text.parse().map_err(|error: toml::de::Error| ConfigError::Syntax {
         origin: origin.to_owned(),
         reason: error.to_string(),
@@ -77,7 +77,8 @@ mod tests {
             assignments.iter().for_each(|a| layers.add_assignment(a).expect("known"));
             layers.resolve().and_then(|config| config.settings()).expect("valid")
         };
-        let (a, b) = (settings(&[]), settings(&["learner.gamma=0.9", "synergy.penalty={ kind = \"literal\" }"]));
+        let (a, b) =
+            (settings(&[]), settings(&["learner.gamma=0.9", "synergy.penalty={ kind = \"share\", cap = 0.5 }"]));
         let found: Vec<&str> = differences(&a, &b).iter().map(|(key, ..)| *key).collect();
         assert_eq!(found, ["learner.gamma", "synergy.penalty.cap", "synergy.penalty.kind"]);
         assert_eq!(differences(&a, &b)[0].2, Some("0.9"));

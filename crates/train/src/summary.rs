@@ -42,7 +42,7 @@ pub struct Summary {
     pub hand: String,
     /// Preset.
     pub preset: String,
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
@@ -72,7 +72,7 @@ pub struct Summary {
     pub contribution: Vec<f64>,
     /// Their sum.
     pub contribution_sum: Option<f64>,
-    /// Mean approximation error over the database, in joint space.
+    /// Mean approximation error over the postures that the synergy is of, in joint space.
     pub mean_error_rad: Option<f64>,
     /// Training episodes whose simulation diverged; they were discarded.
     pub diverged_episodes: u64,

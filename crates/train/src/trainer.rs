@@ -13,7 +13,7 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Policy, Replay, Which, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
-use eigenhand_synergy::{ActuationMap, Feedback, JointInfo, PostureDatabase, PostureRecord, Synergy, Unit};
+use eigenhand_synergy::{ActuationMap, Feedback, JointInfo, PostureDatabase, PostureRecord, Synergy, Unit, newest};
 
 use crate::checkpoint::{Checkpoints, Counters, Finalist, UpdateSums};
 use crate::command_cost::{actuation_map, command_cost};
@@ -274,7 +274,7 @@ impl Trainer {
     fn submit(&mut self, first: u64) -> Result<u64, TrainError> {
         let policy = self.learner.policy(which(self.config.training.rollout_actor));
         let mut exploration = self.exploration.clone();
-        exploration.scale_noise(self.noise_factor(first) as f32);
+        exploration.scale_noise(self.config.training.noise_factor(self.done(first)) as f32);
         let exploration = Arc::new(exploration);
         let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
         let jobs: Vec<EpisodeJob> = (first..last)
@@ -344,7 +344,9 @@ impl Trainer {
 
     /// Computes the synergy of the postures so far, and what follows from it for reward and actor.
     fn refit(&mut self) -> Result<(), TrainError> {
-        self.reward.feedback.synergy = self.config.synergy.fit(&self.joints, &self.postures)?.map(Arc::new);
+        let config = &self.config.synergy;
+        let synergy = Synergy::fit_newest(&self.joints, &self.postures, config.components, config.window)?;
+        self.reward.feedback.synergy = synergy.map(Arc::new);
         let (weight, failure) = (self.config.lambda * self.config.synergy.command_weight, self.config.reward.failure);
         let active = self.reward.feedback.active().filter(|_| weight > 0.0);
         let cost = active.map(|synergy| command_cost(synergy, &self.actuation, weight, failure));
@@ -370,21 +372,14 @@ impl Trainer {
     }
 
     fn set_learning_rates(&mut self) {
-        let t = &self.config.training;
-        let factor = self.fall(self.counters.episodes, [t.decay_start, 1.0], t.final_learning_rate) as f32;
+        let factor = self.config.training.learning_rate_factor(self.done(self.counters.episodes)) as f32;
         let learner = &self.config.learner;
         self.learner.set_learning_rates(factor * learner.actor_lr, factor * learner.critic_lr);
     }
 
-    /// Returns the factor on the exploration noise of an episode.
-    fn noise_factor(&self, episode: u64) -> f64 {
-        self.fall(episode, self.config.training.noise_decay, self.config.training.final_noise)
-    }
-
-    /// Falls linearly from 1 to `last` between two shares of training.
-    fn fall(&self, episode: u64, [from, to]: [f64; 2], last: f64) -> f64 {
-        let done = episode as f64 / self.config.episodes as f64;
-        1.0 - (1.0 - last) * ((done - from) / (to - from).max(f64::EPSILON)).clamp(0.0, 1.0)
+    /// (episode) => the share of training before it
+    fn done(&self, episode: u64) -> f64 {
+        episode as f64 / self.config.episodes as f64
     }
 
     fn evaluate_periodically(&mut self, progress: &mut dyn Progress) -> Result<(), TrainError> {
@@ -521,7 +516,7 @@ impl Trainer {
         // The export simulates too, and the threads' simulations are most of what is not replay.
         drop(self.pool);
         let synergy = self.reward.feedback.synergy.as_deref();
-        let postures = self.config.synergy.window(&self.postures);
+        let postures = newest(&self.postures, self.config.synergy.window);
         export::write_products(
             &export::Products {
                 hand: &self.hand,

@@ -30,7 +30,7 @@ pub struct Figure {
 
 /// The runs of one lambda.
 pub(crate) struct Group<'a> {
-    /// Weight of the approximation error.
+    /// Weight of the synergy's feedback.
     pub lambda: f64,
     /// Its runs.
     pub runs: Vec<&'a Run>,
