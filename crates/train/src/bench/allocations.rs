@@ -3,13 +3,14 @@
 //! Who counts them comes in from outside, because it takes another allocator: `benches/allocations.rs` has one.
 
 use eigenhand_rl::{Batch, ExplorationConfig, HerConfig, rng, sample_batch};
-use eigenhand_sim::{GraspEnv, GraspTask};
-use eigenhand_synergy::{Feedback, Synergy};
+use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
+use eigenhand_synergy::{Feedback, PenaltyConfig, PenaltyForm, Synergy};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
 use super::BenchSetting;
 use super::learner::Bench;
+use crate::command_cost::{actuation_map, command_cost};
 use crate::config::RunConfig;
 use crate::reward::GraspReward;
 use crate::rollout::{Behaviour, EpisodeJob, episode_shape, run_episode};
@@ -31,7 +32,7 @@ pub type Counter<'a> = &'a dyn Fn(Work) -> u64;
 /// Allocations of the default configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AllocationCounts {
-    /// For an update of the networks.
+    /// For an update of the networks, with feedback of a synergy into the actor.
     pub per_update: f64,
     /// For a minibatch that is drawn and relabelled, with rewards that a synergy is part of.
     pub per_sampling: f64,
@@ -48,7 +49,7 @@ pub struct AllocationCounts {
 pub fn allocations(setting: &BenchSetting, count: Counter) -> Result<AllocationCounts, TrainError> {
     let (config, hand, library) = setting.load()?;
     let task = task_of(&config, &hand, &library)?;
-    let (per_update, per_sampling) = of_learner(&config, &task, count)?;
+    let (per_update, per_sampling) = of_learner(&config, &hand, &task, count)?;
     let steps = config.task.steps;
     let whole = of_episodes(&config, steps, &hand, &library, count)?;
     let half = of_episodes(&config, steps / 2, &hand, &library, count)?;
@@ -57,15 +58,20 @@ pub fn allocations(setting: &BenchSetting, count: Counter) -> Result<AllocationC
 }
 
 /// Returns the allocations of an update, and of drawing its minibatch.
-fn of_learner(config: &RunConfig, task: &GraspTask, count: Counter) -> Result<(f64, f64), TrainError> {
+fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter) -> Result<(f64, f64), TrainError> {
     let shape = episode_shape(task);
     let joints = joint_infos(task);
     let mut random = rng::stream(0, "bench", 0);
     let mut posture = || joints.iter().map(|_| random.random_range(-1.0..1.0)).collect();
     let postures: Vec<Vec<f64>> = (0..POSTURES).map(|_| posture()).collect();
-    let mut feedback = Feedback::new(&config.penalty());
-    feedback.synergy = Some(Synergy::fit(&joints, &postures, config.synergy.components)?.into());
-    let reward = GraspReward { config: config.reward.clone(), n_joints: joints.len(), feedback };
+    let synergy = Synergy::fit(&joints, &postures, config.synergy.components)?;
+    let cost = command_cost(&synergy, &actuation_map(hand, task), 1.0, config.reward.failure);
+    // The literal penalty, because the default has none.
+    let mut feedback = Feedback::new(&PenaltyConfig { form: PenaltyForm::Literal, ..config.penalty() });
+    feedback.synergy = Some(synergy.into());
+    // The learner's bench holds its objects; so every step succeeds, and has both penalty and cost.
+    let config_of_success = RewardConfig { success_distance: f64::MAX, ..config.reward.clone() };
+    let reward = GraspReward { config: config_of_success, n_joints: joints.len(), feedback };
     let Bench { mut learner, replay, .. } = Bench::new(config.learner.clone(), shape)?;
     let mut batch = Batch::new(config.learner.batch_size, shape);
     let her: &HerConfig = &config.her;
@@ -82,6 +88,7 @@ fn of_learner(config: &RunConfig, task: &GraspTask, count: Counter) -> Result<(f
     sample();
     let samplings = count(&mut || (0..UPDATES).for_each(|_| sample()));
     outcome?;
+    learner.set_action_cost(Some(cost));
     learner.update(&batch, &mut random);
     let updates = count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch, &mut random)));
     Ok((updates as f64 / UPDATES as f64, samplings as f64 / UPDATES as f64))

@@ -6,6 +6,7 @@ use eigenhand_rl::{
     Batch, Ddpg, DdpgConfig, EpisodeData, EpisodeShape, HerConfig, Matrix, MatrixMut, Mlp, OutputActivation, Replay,
     RewardFn, Write, gemm, rng, sample_batch,
 };
+use eigenhand_sim::StepFacts;
 use rand::RngExt;
 use serde::Serialize;
 
@@ -77,7 +78,9 @@ impl Bench {
         let mut replay = Replay::new(N_EPISODES, shape)?;
         for _ in 0..N_EPISODES {
             let mut episode = EpisodeData::zeros(shape);
-            let EpisodeData { observations, achieved_goals, desired_goal, actions, .. } = &mut episode;
+            let held = StepFacts { touches_hand: true, touches_plane: false, penetration: 0.0 }.to_array();
+            let EpisodeData { observations, achieved_goals, desired_goal, actions, facts, .. } = &mut episode;
+            facts.chunks_exact_mut(held.len()).for_each(|step| step.copy_from_slice(&held));
             for x in observations.iter_mut().chain(achieved_goals).chain(desired_goal).chain(actions) {
                 *x = random.random_range(-1.0..1.0);
             }
