@@ -310,6 +310,18 @@ print(json.dumps([
     assert_eq!(npy.postures, covered, "postures.npy holds the database's newest rows");
 }
 
+#[test]
+fn noise_that_has_fallen_to_nothing_is_no_noise() {
+    let policy = |changes: &[&str]| {
+        let run = Run::new(gripper());
+        run.train(&tiny(&[&["exploration.noise_free_share=0", "lambda=0"], changes].concat()));
+        run.bytes("policy.safetensors")
+    };
+    let without = policy(&["exploration.noise_sigma=0", "exploration.random_probability=0"]);
+    assert!(policy(&["training.noise_decay=[0, 0]", "training.final_noise=0"]) == without);
+    assert!(policy(&["training.noise_decay=[1, 1]", "training.final_noise=0"]) != without);
+}
+
 /// A single component, which leaves directions that the gripper's commands can be drawn out of.
 const FEEDBACK: [&str; 3] =
     ["synergy.penalty={ kind = \"none\" }", "synergy.components=1", "synergy.command_weight=50"];

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
 use anyhow::Context;
-use eigenhand_train::config::{Preset, worker_count};
+use eigenhand_train::config::worker_count;
 use eigenhand_train::launch::NewRun;
 use eigenhand_train::reproduce::children::{Ending, train};
 use eigenhand_train::reproduce::{
@@ -160,34 +160,18 @@ impl Args {
     fn arguments(&self, member: &Member, workers: usize) -> Vec<std::ffi::OsString> {
         let mut arguments = vec!["train".into(), "--no-install".into(), "--workers".into(), workers.to_string().into()];
         let mut option = |name: &str, value: std::ffi::OsString| arguments.extend([name.into(), value]);
-        for directory in &self.settings.plugins {
-            option("--plugins", directory.into());
-        }
         if member.state != State::New {
+            self.settings.plugins.iter().for_each(|directory| option("--plugins", directory.into()));
             option("--resume", member.run.clone().into());
             return arguments;
         }
         option("--lambda", member.lambda.to_string().into());
         option("--seed", member.seed.to_string().into());
         option("--out", member.run.clone().into());
-        let preset = self.settings.preset.map(|preset| Preset::from(preset).name().to_owned());
-        let words = [
-            ("--hand", self.hand()),
-            ("--preset", preset),
-            ("--episodes", self.settings.episodes.map(|n| n.to_string())),
-            ("--objects", self.settings.objects.as_ref().map(|names| names.join(","))),
-        ];
-        for (name, value) in words {
-            if let Some(value) = value {
-                option(name, value.into());
-            }
+        if let Some(hand) = self.hand() {
+            option("--hand", hand.into());
         }
-        if let Some(file) = &self.settings.config {
-            option("--config", file.into());
-        }
-        for assignment in &self.settings.assignments {
-            option("--set", assignment.into());
-        }
+        arguments.extend(self.settings.arguments());
         arguments
     }
 }

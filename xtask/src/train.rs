@@ -1,5 +1,6 @@
 //! `cargo xtask train`
 
+use std::ffi::OsString;
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -99,6 +100,28 @@ pub struct SettingsArgs {
 }
 
 impl SettingsArgs {
+    /// Returns the command line that says the same.
+    pub fn arguments(&self) -> Vec<OsString> {
+        let SettingsArgs { preset, episodes, objects, config, assignments, plugins } = self;
+        let mut arguments: Vec<OsString> = Vec::new();
+        let mut option = |name: &str, value: OsString| arguments.extend([name.into(), value]);
+        if let Some(preset) = preset {
+            option("--preset", Preset::from(*preset).name().into());
+        }
+        if let Some(episodes) = episodes {
+            option("--episodes", episodes.to_string().into());
+        }
+        if let Some(objects) = objects {
+            option("--objects", objects.join(",").into());
+        }
+        if let Some(file) = config {
+            option("--config", file.into());
+        }
+        assignments.iter().for_each(|assignment| option("--set", assignment.into()));
+        plugins.iter().for_each(|directory| option("--plugins", directory.into()));
+        arguments
+    }
+
     /// Returns a run with these settings and no others.
     pub fn new_run(&self) -> NewRun {
         NewRun {

@@ -2,8 +2,8 @@
 
 use faer::{Mat, MatRef, Par};
 
-use crate::covariance::RunningCovariance;
 use crate::joint::check_same_joints;
+use crate::pca::mean_and_covariance;
 use crate::{Synergy, SynergyError};
 
 /// Returns the principal angles between two spaces, rising; as many as the smaller space has components.
@@ -46,12 +46,8 @@ pub fn cumulative_explained_variance<P: AsRef<[f64]>>(
     postures: &[P],
 ) -> Result<Vec<f64>, SynergyError> {
     let n_joints = space.n_joints();
-    let mut running = RunningCovariance::new(n_joints);
-    for posture in postures {
-        running.push(posture.as_ref())?;
-    }
-    let covariance = running.covariance()?;
-    let total: f64 = (0..n_joints).map(|i| covariance[i * n_joints + i]).sum();
+    let (_, covariance) = mean_and_covariance(postures, n_joints)?;
+    let total: f64 = (0..n_joints).map(|i| covariance[(i, i)]).sum();
     if total <= 0.0 {
         return Err(SynergyError::NoVariance);
     }
@@ -59,11 +55,8 @@ pub fn cumulative_explained_variance<P: AsRef<[f64]>>(
     let shares = (0..space.n_components()).map(|i| {
         let component = space.component(i);
         // The variance along a component c: c S c^T.
-        let variance: f64 = covariance
-            .chunks_exact(n_joints)
-            .zip(component)
-            .map(|(row, left)| left * row.iter().zip(component).map(|(s, right)| s * right).sum::<f64>())
-            .sum();
+        let along = |i: usize| (0..n_joints).map(|j| covariance[(i, j)] * component[j]).sum::<f64>();
+        let variance: f64 = (0..n_joints).map(|i| component[i] * along(i)).sum();
         sum += variance / total;
         sum
     });

@@ -32,11 +32,9 @@ impl SynergyFile {
     /// Returns the text of the file. Numbers read back from it are the same to the last bit.
     ///
     /// # Errors
-    /// A space whose coefficients' range is unknown, or an actuation map that does not fit the joints.
+    /// An actuation map that does not fit the joints.
     pub fn to_toml(&self) -> Result<String, SynergyError> {
         let synergy = &self.synergy;
-        check_numbers("coefficient_min", synergy.coefficient_min(), synergy.n_components())?;
-        check_numbers("coefficient_max", synergy.coefficient_max(), synergy.n_components())?;
         let mut text = String::from(HEADER);
         put(&mut text, "schema", &SCHEMA)?;
         put(&mut text, "hand", &self.hand)?;

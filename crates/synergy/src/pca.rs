@@ -1,9 +1,8 @@
 //! The synergy space: a principal component analysis of postures.
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use crate::SynergyError;
-use crate::covariance::{MIN_POSTURES, RunningCovariance};
 use crate::joint::{JointInfo, check_joints, check_posture};
 use crate::projector::Projector;
 
@@ -32,6 +31,22 @@ pub struct Synergy {
     projector: Projector,
 }
 
+/// (postures: N x n) => (mean: n, sample covariance: n x n), after checking every posture
+pub(crate) fn mean_and_covariance<P: AsRef<[f64]>>(
+    postures: &[P],
+    n_joints: usize,
+) -> Result<(Vec<f64>, Mat<f64>), SynergyError> {
+    /// The fewest postures that have a sample covariance.
+    const LEAST: usize = 2;
+    for (row, posture) in postures.iter().enumerate() {
+        check_posture(posture.as_ref(), n_joints, row)?;
+    }
+    if postures.len() < LEAST {
+        return Err(SynergyError::TooFewPostures { expected: LEAST, got: postures.len() });
+    }
+    Ok(eigen::mean_and_covariance(postures, n_joints))
+}
+
 /// Returns the last `window` of `postures`, or all where it is 0.
 pub fn newest<P>(postures: &[P], window: usize) -> &[P] {
     let covered = if window == 0 { postures.len() } else { window };
@@ -49,15 +64,30 @@ impl Synergy {
     /// `k == 0`, or a decomposition that does not converge.
     pub fn fit<P: AsRef<[f64]>>(joints: &[JointInfo], postures: &[P], k: usize) -> Result<Self, SynergyError> {
         let n_joints = joints.len();
-        for (row, posture) in postures.iter().enumerate() {
-            check_posture(posture.as_ref(), n_joints, row)?;
+        let (mean, covariance) = mean_and_covariance(postures, n_joints)?;
+        check_joints(joints)?;
+        if k == 0 {
+            return Err(SynergyError::NoComponents);
         }
-        if postures.len() < MIN_POSTURES {
-            return Err(SynergyError::TooFewPostures { expected: MIN_POSTURES, got: postures.len() });
+        let k = k.min(n_joints);
+        let (components, eigenvalues) = eigen::principal_components(&covariance, k)?;
+        let mut synergy = Synergy {
+            joints: joints.to_vec(),
+            contribution: eigen::contribution_rates(&eigenvalues, k),
+            projector: Projector::new(&mean, &components),
+            mean,
+            components,
+            eigenvalues,
+            coefficient_min: vec![f64::INFINITY; k],
+            coefficient_max: vec![f64::NEG_INFINITY; k],
+            n_postures: postures.len(),
+        };
+        for posture in postures {
+            for (i, z) in synergy.encode(posture.as_ref()).into_iter().enumerate() {
+                synergy.coefficient_min[i] = synergy.coefficient_min[i].min(z);
+                synergy.coefficient_max[i] = synergy.coefficient_max[i].max(z);
+            }
         }
-        let (mean, covariance) = eigen::mean_and_covariance(postures, n_joints);
-        let mut synergy = Self::decompose(joints, mean, &covariance, postures.len(), k)?;
-        synergy.set_coefficient_range(postures)?;
         Ok(synergy)
     }
 
@@ -76,77 +106,6 @@ impl Synergy {
             return Ok(None);
         }
         Self::fit(joints, covered, k).map(Some)
-    }
-
-    /// Finds the space of `k` components of a running covariance; see [`Synergy::fit`] for `k`.
-    ///
-    /// The range of the coefficients is not known then: [`Synergy::coefficient_min`] and `_max` are empty until
-    /// [`Synergy::set_coefficient_range`].
-    ///
-    /// # Errors
-    /// As [`Synergy::fit`].
-    pub fn from_covariance(
-        joints: &[JointInfo],
-        covariance: &RunningCovariance,
-        k: usize,
-    ) -> Result<Self, SynergyError> {
-        if covariance.n_joints() != joints.len() {
-            return Err(SynergyError::PostureLength { row: 0, expected: joints.len(), got: covariance.n_joints() });
-        }
-        let matrix = covariance.covariance()?;
-        let matrix = MatRef::from_row_major_slice(&matrix, joints.len(), joints.len());
-        Self::decompose(joints, covariance.mean().to_vec(), &matrix.to_owned(), covariance.count(), k)
-    }
-
-    /// Sets the range of the coefficients to that of `postures`.
-    ///
-    /// # Errors
-    /// No posture, or one of the wrong length or with a number that is not finite; nothing changes then.
-    pub fn set_coefficient_range<P: AsRef<[f64]>>(&mut self, postures: &[P]) -> Result<(), SynergyError> {
-        if postures.is_empty() {
-            return Err(SynergyError::TooFewPostures { expected: 1, got: 0 });
-        }
-        let mut lowest = vec![f64::INFINITY; self.n_components()];
-        let mut highest = vec![f64::NEG_INFINITY; self.n_components()];
-        for (row, posture) in postures.iter().enumerate() {
-            check_posture(posture.as_ref(), self.n_joints(), row)?;
-            for ((low, high), z) in lowest.iter_mut().zip(&mut highest).zip(self.encode(posture.as_ref())) {
-                *low = low.min(z);
-                *high = high.max(z);
-            }
-        }
-        self.coefficient_min = lowest;
-        self.coefficient_max = highest;
-        Ok(())
-    }
-
-    /// (mean: n, symmetric covariance: n x n) => the space
-    fn decompose(
-        joints: &[JointInfo],
-        mean: Vec<f64>,
-        covariance: &Mat<f64>,
-        n_postures: usize,
-        k: usize,
-    ) -> Result<Self, SynergyError> {
-        check_joints(joints)?;
-        if k == 0 {
-            return Err(SynergyError::NoComponents);
-        }
-        let k = k.min(joints.len());
-        let (components, eigenvalues) = eigen::principal_components(covariance, k)?;
-        let contribution = eigen::contribution_rates(&eigenvalues, k);
-        let projector = Projector::new(&mean, &components);
-        Ok(Synergy {
-            joints: joints.to_vec(),
-            mean,
-            components,
-            eigenvalues,
-            contribution,
-            coefficient_min: Vec::new(),
-            coefficient_max: Vec::new(),
-            n_postures,
-            projector,
-        })
     }
 
     /// Builds a space from numbers that were stored, after checking every length and relation between them.

@@ -11,12 +11,12 @@ use crate::{Synergy, SynergyError};
 #[serde(rename_all = "snake_case", tag = "kind", deny_unknown_fields)]
 pub enum PenaltyForm {
     /// No penalty on the reward.
-    None,
+    None {},
     /// `lambda e`, without a bound.
     ///
     /// # Source
     /// Section 2.2.
-    Literal,
+    Literal {},
     /// `cap (1 - exp(-lambda e / cap))`: slope `lambda` at `e = 0`, and never above `cap`, so that a success stays
     /// above a failure whatever its posture.
     Saturating {
@@ -45,8 +45,8 @@ impl PenaltyForm {
         }
         let literal = lambda * error;
         match self {
-            PenaltyForm::None => 0.0,
-            PenaltyForm::Literal => literal,
+            PenaltyForm::None {} => 0.0,
+            PenaltyForm::Literal {} => literal,
             PenaltyForm::Saturating { cap } => -cap * (-literal / cap).exp_m1(),
             PenaltyForm::Fraction { cap } => cap * (literal / deviation).min(1.0),
             PenaltyForm::Share { cap } => cap * (literal * error / (deviation * deviation)).min(1.0),
@@ -56,7 +56,7 @@ impl PenaltyForm {
     /// Returns the greatest penalty, where there is one.
     fn cap(self) -> Option<f64> {
         match self {
-            PenaltyForm::None | PenaltyForm::Literal => None,
+            PenaltyForm::None {} | PenaltyForm::Literal {} => None,
             PenaltyForm::Saturating { cap } | PenaltyForm::Fraction { cap } | PenaltyForm::Share { cap } => Some(cap),
         }
     }
@@ -137,7 +137,7 @@ impl Feedback {
     /// Section 2.2, and section 4 for its start.
     pub fn penalty(&self, posture: &[f32]) -> f32 {
         match self.active() {
-            Some(_) if self.form == PenaltyForm::None => 0.0,
+            Some(_) if self.form == PenaltyForm::None {} => 0.0,
             Some(synergy) => {
                 let (error, deviation) = synergy.error_and_deviation_f32(posture);
                 self.form.penalty(self.lambda, f64::from(error), f64::from(deviation)) as f32
@@ -190,7 +190,8 @@ mod tests {
             let form = PenaltyForm::Saturating { cap };
             let (near, far) = (form.penalty(lambda, error, error), form.penalty(lambda, error + step, error + step));
             prop_assert!(near <= far);
-            prop_assert!(near <= PenaltyForm::Literal.penalty(lambda, error, error) * (1.0 + 1e-12));
+            let literal = PenaltyForm::Literal {}.penalty(lambda, error, error);
+            prop_assert!(near <= literal * (1.0 + 1e-12));
             let small = 1e-7;
             prop_assert!((form.penalty(lambda, small, small) / small / lambda - 1.0).abs() < 1e-4);
         }
@@ -202,7 +203,8 @@ mod tests {
         assert_eq!((fraction.penalty(1.0, 0.3, 0.5), share.penalty(1.0, 0.3, 0.5)), (0.3, 0.5 * 0.36));
         assert_eq!((fraction.penalty(2.0, 0.5, 0.5), share.penalty(2.0, 0.5, 0.5)), (0.5, 0.5));
         assert_eq!((fraction.penalty(1.0, 0.0, 0.0), share.penalty(1.0, 0.0, 0.0)), (0.0, 0.0));
-        assert_eq!(PenaltyForm::None.penalty(1.0, 0.3, 0.5), 0.0);
+        let none = PenaltyForm::None {};
+        assert_eq!(none.penalty(1.0, 0.3, 0.5), 0.0);
     }
 
     #[test]
@@ -215,7 +217,7 @@ mod tests {
             assert!(message.contains("cap") && message.contains("r_success - r_failure = 1"), "{message}");
         }
         for lambda in [-1.0, f64::NAN, f64::INFINITY] {
-            let config = PenaltyConfig { lambda, form: PenaltyForm::Literal, ..valid };
+            let config = PenaltyConfig { lambda, form: PenaltyForm::Literal {}, ..valid };
             assert!(config.validate(0.0, -1.0).unwrap_err().to_string().contains("lambda"));
         }
     }
@@ -226,9 +228,12 @@ mod tests {
         assert_eq!((config.lambda, config.form), (2.0, PenaltyForm::Saturating { cap: 0.5 }));
         assert_eq!(config.start_after, 100);
         let config: PenaltyConfig = toml::from_str("form.kind = \"literal\"").unwrap();
-        assert_eq!(config.form, PenaltyForm::Literal);
+        assert_eq!(config.form, PenaltyForm::Literal {});
         let text = toml::to_string(&PenaltyConfig::default()).unwrap();
         assert_eq!(toml::from_str::<PenaltyConfig>(&text).unwrap(), PenaltyConfig::default());
+        for kind in ["none", "literal"] {
+            toml::from_str::<PenaltyConfig>(&format!("form = {{ kind = \"{kind}\", cap = 0.5 }}")).unwrap_err();
+        }
         for bad in ["lamda = 1.0", "form = { kind = \"cubic\" }", "form = { kind = \"saturating\" }"] {
             toml::from_str::<PenaltyConfig>(bad).unwrap_err();
         }
@@ -239,7 +244,7 @@ mod tests {
         let joints =
             ["a", "b"].map(|name| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -9.0, upper: 9.0 });
         let postures: Vec<[f64; 2]> = (0..101).map(|i| [f64::from(i) / 50.0 - 1.0, 0.0]).collect();
-        let mut feedback = Feedback::new(&PenaltyConfig { form: PenaltyForm::Literal, ..PenaltyConfig::default() });
+        let mut feedback = Feedback::new(&PenaltyConfig { form: PenaltyForm::Literal {}, ..PenaltyConfig::default() });
         assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
         feedback.synergy = Some(Arc::new(Synergy::fit(&joints, &postures[..100], 1).unwrap()));
         assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);

@@ -424,7 +424,7 @@ impl RunConfig {
         weight("lambda", self.lambda)?;
         weight("synergy.command_weight", synergy.command_weight)?;
         expect(
-            synergy.command_weight == 0.0 || synergy.penalty != PenaltyForm::Literal,
+            synergy.command_weight == 0.0 || synergy.penalty != PenaltyForm::Literal {},
             "synergy.command_weight",
             "0 beside a literal penalty, which can make a success earn less than a failure",
             synergy.command_weight.to_string(),

@@ -56,8 +56,8 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
 }
 
 fn figure(name: String, title: String, svg: String, panels: &[(f64, &Panel)]) -> Result<Figure, ReportError> {
-    let caption = "Bars: contribution rate of each principal component of the newest postures (synergy.window), the first at the bottom \
-                   (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
+    let caption = "Bars: contribution rate of each principal component of the postures that the analysis covered then, the \
+                   first at the bottom (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
                    lowest run to the highest.";
     Ok(Figure { csv: Panel::numbers(&name, panels)?, name, title, caption: caption.to_owned(), svg })
 }

@@ -111,8 +111,8 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
     let plot = Plot {
         name: "error-distribution",
         title: "Distribution of the approximation error",
-        caption: "Share of the postures that a run's synergy is of whose distance from it is at most \
-                  so much. Line: median over the runs; band: from the lowest run to the highest.",
+        caption: "Share of the postures that a run's synergy was fitted to whose distance from it is at most so \
+                  much. Line: median over the runs; band: from the lowest run to the highest.",
         x_name: "approximation error e (rad)",
         x_column: "error_rad",
         y_name: "share of postures (%)",

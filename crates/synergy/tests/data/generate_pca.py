@@ -43,7 +43,6 @@ text = f"""# Written by generate_pca.py with NumPy {np.__version__}.
 k = {N_COMPONENTS}
 postures = {matrix(postures)}
 mean = {numbers(mean)}
-covariance = {matrix(covariance)}
 eigenvalues = {numbers(eigenvalues)}
 components = {matrix(components)}
 contribution = {numbers(eigenvalues[:N_COMPONENTS] / eigenvalues.sum())}

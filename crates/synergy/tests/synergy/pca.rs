@@ -1,7 +1,7 @@
 //! The analysis against NumPy's numbers and against its own definition.
 
 use crate::common::{joints, postures};
-use eigenhand_synergy::{JointInfo, RunningCovariance, Synergy, SynergyError, Unit, cumulative_explained_variance};
+use eigenhand_synergy::{JointInfo, Synergy, SynergyError, Unit, cumulative_explained_variance};
 use proptest::prelude::*;
 
 #[derive(serde::Deserialize)]
@@ -9,7 +9,6 @@ struct Fixture {
     k: usize,
     postures: Vec<Vec<f64>>,
     mean: Vec<f64>,
-    covariance: Vec<Vec<f64>>,
     eigenvalues: Vec<f64>,
     components: Vec<Vec<f64>>,
     contribution: Vec<f64>,
@@ -34,16 +33,14 @@ fn assert_close(got: &[f64], expected: &[f64], tolerance: f64) {
 fn agrees_with_numpy() {
     let numpy = fixture();
     let joints = joints(numpy.mean.len());
-    let mut running = RunningCovariance::new(joints.len());
-    for posture in &numpy.postures {
-        running.push(posture).unwrap();
-    }
-    assert_close(&running.covariance().unwrap(), &numpy.covariance.concat(), 1e-14);
     let fitted = Synergy::fit(&joints, &numpy.postures, numpy.k).unwrap();
-    let mut streamed = Synergy::from_covariance(&joints, &running, numpy.k).unwrap();
-    assert!(streamed.coefficient_min().is_empty());
-    streamed.set_coefficient_range(&numpy.postures).unwrap();
-    for synergy in [fitted, streamed] {
+    // Older postures, which a window leaves out.
+    let mut longer = vec![vec![0.5; joints.len()]; 3];
+    longer.extend(numpy.postures.iter().cloned());
+    let newest = Synergy::fit_newest(&joints, &longer, numpy.k, numpy.postures.len()).unwrap().unwrap();
+    assert!(Synergy::fit_newest(&joints, &longer, numpy.k, 0).unwrap().unwrap() != fitted);
+    assert!(Synergy::fit_newest(&joints, &longer, numpy.k, numpy.k).unwrap().is_none());
+    for synergy in [fitted, newest] {
         assert_eq!((synergy.n_components(), synergy.n_postures()), (numpy.k, numpy.postures.len()));
         assert_close(synergy.mean(), &numpy.mean, 1e-14);
         assert_close(synergy.eigenvalues(), &numpy.eigenvalues, 1e-13);
@@ -121,8 +118,6 @@ fn bad_input_is_refused() {
     bad[4] = vec![f64::MAX, -f64::MAX, 0.0];
     assert!(matches!(fit(&bad, 2), SynergyError::Decomposition { .. }));
     assert!(matches!(Synergy::fit(&[], &[vec![], vec![]], 1), Err(SynergyError::Joints { .. })));
-    let other = RunningCovariance::new(2);
-    assert!(matches!(Synergy::from_covariance(&joints, &other, 1), Err(SynergyError::PostureLength { .. })));
 }
 
 #[test]

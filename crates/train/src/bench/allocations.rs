@@ -67,7 +67,7 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     let synergy = Synergy::fit(&joints, &postures, config.synergy.components)?;
     let cost = command_cost(&synergy, &actuation_map(hand, task), 1.0, config.reward.failure);
     // The literal penalty, because the default has none.
-    let mut feedback = Feedback::new(&PenaltyConfig { form: PenaltyForm::Literal, ..config.penalty() });
+    let mut feedback = Feedback::new(&PenaltyConfig { form: PenaltyForm::Literal {}, ..config.penalty() });
     feedback.synergy = Some(synergy.into());
     // The learner's bench holds its objects; so every step succeeds, and has both penalty and cost.
     let config_of_success = RewardConfig { success_distance: f64::MAX, ..config.reward.clone() };
