@@ -51,6 +51,34 @@ pub(crate) fn read(directory: &Path, manifest: &Path, model: &str) -> Result<Clo
     Ok(Closure { model: root, files, digest })
 }
 
+/// Reads the model in `file`, wherever it lies, with its includes expanded.
+pub(crate) fn expand(file: &Path) -> Result<Element, HandError> {
+    let mut root = parse(&std::fs::read(file).map_err(HandError::io(file))?, file)?;
+    let base = file.parent().unwrap_or(Path::new("")).to_path_buf();
+    let mut files = Files::anywhere();
+    expand_includes(&mut root, file, &base, &mut files, 0)?;
+    Ok(root)
+}
+
+/// Returns where the mesh lies that the model in `file` names.
+pub(crate) fn mesh_path(written: &str, compiler: &Compiler, file: &Path) -> PathBuf {
+    let name = if compiler.strip_path { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
+    file.parent().unwrap_or(Path::new("")).join(&compiler.mesh_dir).join(name)
+}
+
+/// Reads a file that an element of the model names.
+pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Vec<u8>, HandError> {
+    if !path.is_file() {
+        let name = asset.attributes.get("name").map_or(String::new(), |name| format!(" `{name}`"));
+        return Err(HandError::MissingFile {
+            file: file.to_path_buf(),
+            key: format!("{}{name}", asset.name),
+            got: path.to_path_buf(),
+        });
+    }
+    std::fs::read(path).map_err(HandError::io(path))
+}
+
 /// Parses XML of bounded depth; `file` is named in errors.
 pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
     let xml_error = |message: String| HandError::Xml { file: file.to_path_buf(), message };
@@ -178,21 +206,31 @@ fn add_asset(
 /// Files read so far, by canonical path.
 struct Files {
     directory: PathBuf,
-    canonical: PathBuf,
+    /// The directory that holds them all; none where they may lie anywhere.
+    canonical: Option<PathBuf>,
     contents: BTreeMap<PathBuf, Vec<u8>>,
 }
 
 impl Files {
     fn new(directory: &Path) -> Result<Self, HandError> {
         let canonical = directory.canonicalize().map_err(HandError::io(directory))?;
-        Ok(Self { directory: directory.to_path_buf(), canonical, contents: BTreeMap::new() })
+        Ok(Self { directory: directory.to_path_buf(), canonical: Some(canonical), contents: BTreeMap::new() })
+    }
+
+    fn anywhere() -> Self {
+        Self { directory: PathBuf::new(), canonical: None, contents: BTreeMap::new() }
+    }
+
+    /// Returns a canonical path as files are kept, if it is allowed.
+    fn relative(&self, canonical: PathBuf) -> Option<PathBuf> {
+        match &self.canonical {
+            Some(directory) => canonical.strip_prefix(directory).map(Path::to_path_buf).ok(),
+            None => Some(canonical),
+        }
     }
 
     fn contains(&self, path: &Path) -> bool {
-        path.canonicalize()
-            .ok()
-            .and_then(|p| p.strip_prefix(&self.canonical).map(Path::to_path_buf).ok())
-            .is_some_and(|p| self.contents.contains_key(&p))
+        path.canonicalize().ok().and_then(|p| self.relative(p)).is_some_and(|p| self.contents.contains_key(&p))
     }
 
     /// Reads a file that `referrer` names in `key`, if it lies in the hand's directory.
@@ -203,7 +241,8 @@ impl Files {
             got: path.strip_prefix(&self.directory).unwrap_or(path).display().to_string(),
             directory: self.directory.clone(),
         };
-        if !stays_inside(path.strip_prefix(&self.directory).map_err(|_| escape())?) {
+        let confined = self.canonical.is_some();
+        if confined && !stays_inside(path.strip_prefix(&self.directory).map_err(|_| escape())?) {
             return Err(escape());
         }
         let Ok(canonical) = path.canonicalize() else {
@@ -213,7 +252,7 @@ impl Files {
                 got: path.to_path_buf(),
             });
         };
-        let relative = canonical.strip_prefix(&self.canonical).map_err(|_| escape())?.to_path_buf();
+        let relative = self.relative(canonical.clone()).ok_or_else(escape)?;
         let bytes = std::fs::read(&canonical).map_err(HandError::io(path))?;
         self.contents.insert(relative, bytes.clone());
         Ok(bytes)

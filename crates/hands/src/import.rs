@@ -7,6 +7,9 @@ use xmltree::Element;
 
 use crate::error::HandError;
 
+mod mjcf;
+mod newer;
+mod servos;
 mod urdf;
 
 /// What the reader of a file has to be told.
@@ -19,12 +22,10 @@ pub struct ImportOptions {
 /// A model that was read, mended and, where it was URDF, converted.
 #[derive(Debug)]
 pub struct Imported {
-    /// Root `<mujoco>` element. Angles are radians; files are named as in `assets`, without directories.
+    /// Root `<mujoco>` element; files are named as in `assets`, without directories.
     pub model: Element,
     /// The files that the model names, by the names it uses.
     pub assets: Vec<(String, Vec<u8>)>,
-    /// What was changed, left out or assumed, one line each.
-    pub notes: Vec<String>,
     /// Largest effort that the file states for a joint (N m or N), by joint.
     pub efforts: BTreeMap<String, f64>,
 }
@@ -34,5 +35,33 @@ pub struct Imported {
 /// # Errors
 /// Names the file, the place in it and the way out: see [`HandError`].
 pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> Result<Imported, HandError> {
-    urdf::convert(file, options, notes)
+    let bytes = std::fs::read(file).map_err(HandError::io(file))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut imported = match first_tag(&text) {
+        Some("robot") => urdf::convert(file, options, notes)?,
+        Some("mujoco" | "mujocoinclude") => mjcf::read(file, notes)?,
+        other => {
+            let got = other.map_or_else(|| "no element".to_owned(), |name| format!("<{name}>"));
+            return Err(HandError::model(file, "the root element", "<mujoco> (MJCF) or <robot> (URDF)", got));
+        }
+    };
+    servos::complete(&mut imported, file, notes)?;
+    Ok(imported)
+}
+
+/// Returns the name of a document's first element, whatever stands before it.
+fn first_tag(text: &str) -> Option<&str> {
+    let mut rest = text;
+    loop {
+        rest = &rest[rest.find('<')?..];
+        let end = if rest.starts_with("<!--") {
+            rest.find("-->")? + 3
+        } else if rest.starts_with("<?") || rest.starts_with("<!") {
+            rest.find('>')? + 1
+        } else {
+            let name = &rest[1..];
+            return name.split(|c: char| c.is_whitespace() || c == '>' || c == '/').next();
+        };
+        rest = &rest[end..];
+    }
 }

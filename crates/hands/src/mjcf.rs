@@ -66,6 +66,10 @@ impl Compiler {
             }
             compiler.autolimits = attributes.flag("autolimits")?.unwrap_or(compiler.autolimits);
             compiler.strip_path = attributes.flag("strippath")?.unwrap_or(compiler.strip_path);
+            if let Some(folder) = element.attributes.get("assetdir") {
+                compiler.mesh_dir.clone_from(folder);
+                compiler.texture_dir.clone_from(folder);
+            }
             if let Some(folder) = element.attributes.get("meshdir") {
                 compiler.mesh_dir.clone_from(folder);
             }

@@ -21,28 +21,39 @@ pub(crate) struct Contents {
     pub(crate) sites: BTreeSet<String>,
 }
 
+/// The joints of a model that need not be complete, in MuJoCo's order.
+pub(crate) struct Joints(pub(crate) Vec<HandJoint>);
+
+impl Joints {
+    /// Reads the joints under `root`; `file` is named in errors.
+    pub(crate) fn read(root: &Element, file: &Path) -> Result<Self, HandError> {
+        let defaults = Defaults::read(root, file)?;
+        let mut reader = Reader { file, defaults: &defaults, contents: Contents::empty(Compiler::read(root, file)?) };
+        reader.bodies(root)?;
+        Ok(Self(reader.contents.joints))
+    }
+}
+
 type FixedTendons = BTreeMap<String, Vec<(String, f64)>>;
 
 impl Contents {
+    fn empty(compiler: Compiler) -> Self {
+        Self {
+            compiler,
+            joints: Vec::new(),
+            actuators: Vec::new(),
+            couplings: Vec::new(),
+            bodies: BTreeSet::new(),
+            sites: BTreeSet::new(),
+        }
+    }
+
     /// Reads the model under `root`; `file` is named in errors.
     pub(crate) fn read(root: &Element, file: &Path) -> Result<Self, HandError> {
         let compiler = Compiler::read(root, file)?;
         let defaults = Defaults::read(root, file)?;
-        let mut reader = Reader {
-            file,
-            defaults: &defaults,
-            contents: Self {
-                compiler,
-                joints: Vec::new(),
-                actuators: Vec::new(),
-                couplings: Vec::new(),
-                bodies: BTreeSet::new(),
-                sites: BTreeSet::new(),
-            },
-        };
-        for world in elements(root).filter(|e| e.name == "worldbody") {
-            reader.children(world, "world", None)?;
-        }
+        let mut reader = Reader { file, defaults: &defaults, contents: Self::empty(compiler) };
+        reader.bodies(root)?;
         if reader.contents.joints.is_empty() {
             return Err(HandError::model(file, "<worldbody>", "at least one joint", "none"));
         }
@@ -77,6 +88,10 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
+    fn bodies(&mut self, root: &Element) -> Result<(), HandError> {
+        elements(root).filter(|e| e.name == "worldbody").try_for_each(|world| self.children(world, "world", None))
+    }
+
     /// Reads what is inside a body: its own joints and sites first, then its child bodies, as MuJoCo numbers them.
     fn children(&mut self, parent: &Element, body: &str, childclass: Option<&str>) -> Result<(), HandError> {
         for child in elements(parent) {

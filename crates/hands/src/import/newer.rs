@@ -1,0 +1,164 @@
+//! What a file says that MuJoCo 2.2.2 does not know: mended where the meaning can be kept, refused where it cannot.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use xmltree::{Element, XMLNode};
+
+use crate::error::HandError;
+
+/// Elements and attributes of MJCF in MuJoCo 2.2.2, as its own `mj_printSchema` lists them.
+const SCHEMA: &str = include_str!("mjcf-2.2.2.txt");
+/// Column of [`SCHEMA`] in which attributes stand.
+const ATTRIBUTE_COLUMN: usize = 30;
+/// Blanks for each level of nesting in [`SCHEMA`].
+const INDENT: usize = 3;
+
+/// Sections of a file that say nothing about the hand's body: unknown things in them are left out with them.
+pub(super) const LEFT_OUT: [&str; 8] =
+    ["option", "size", "visual", "statistic", "custom", "sensor", "keyframe", "deformable"];
+
+/// Attributes by element, the element named with its parent: `body/geom`.
+struct Schema(BTreeMap<String, BTreeSet<&'static str>>);
+
+impl Schema {
+    fn read() -> Self {
+        let mut known: BTreeMap<String, BTreeSet<&str>> = BTreeMap::new();
+        let mut path: Vec<&str> = Vec::new();
+        let mut current = String::new();
+        for line in SCHEMA.lines() {
+            let indent = line.len() - line.trim_start().len();
+            let attributes = if indent >= ATTRIBUTE_COLUMN {
+                line.trim_start()
+            } else {
+                let (name, rest) = line.trim_start().split_once(' ').unwrap_or((line.trim(), ""));
+                path.truncate(indent / INDENT);
+                path.push(plain(name));
+                let parent = path.len().checked_sub(2).map_or("", |at| path[at]);
+                current = format!("{parent}/{}", plain(name));
+                rest.trim_start().split_once(')').map_or("", |(_, attributes)| attributes)
+            };
+            known.entry(current.clone()).or_default().extend(attributes.split_whitespace());
+        }
+        Self(known)
+    }
+
+    fn attributes(&self, parent: &str, name: &str) -> Option<&BTreeSet<&'static str>> {
+        // Bodies hold bodies, and default classes default classes.
+        let own = match name {
+            "worldbody" | "body" => "mujoco/body".to_owned(),
+            "default" => "mujoco/default".to_owned(),
+            _ => format!("{}/{name}", plain(parent)),
+        };
+        self.0.get(&own)
+    }
+}
+
+fn plain(name: &str) -> &str {
+    match name {
+        "(world)body" | "worldbody" => "body",
+        other => other,
+    }
+}
+
+/// Leaves out what MuJoCo 2.2.2 does not know, with notes.
+///
+/// # Errors
+/// Names an element without which the hand would be another hand.
+pub(super) fn mend(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    let schema = Schema::read();
+    let mut found = BTreeSet::new();
+    keywords(root, &mut found);
+    walk(root, &schema, file, &mut found)?;
+    if !found.is_empty() {
+        let list: Vec<String> = found.into_iter().collect();
+        notes.push(format!("newer than MuJoCo 2.2.2 and left out: {}", list.join(", ")));
+    }
+    Ok(())
+}
+
+/// Values of known attributes that are newer.
+fn keywords(root: &mut Element, found: &mut BTreeSet<String>) {
+    for option in root.children.iter_mut().filter_map(XMLNode::as_mut_element).filter(|e| e.name == "option") {
+        if option.attributes.get("integrator").is_some_and(|value| value == "implicitfast") {
+            option.attributes.insert("integrator".to_owned(), "implicit".to_owned());
+            found.insert("option integrator `implicitfast` (`implicit` stands for it)".to_owned());
+        }
+    }
+}
+
+fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSet<String>) -> Result<(), HandError> {
+    let parent = element.name.clone();
+    let mut kept = Vec::with_capacity(element.children.len());
+    for node in std::mem::take(&mut element.children) {
+        let XMLNode::Element(mut child) = node else {
+            continue;
+        };
+        let Some(known) = schema.attributes(&parent, &child.name) else {
+            refuse(&parent, &child, file)?;
+            found.insert(format!("<{}> in <{parent}>", child.name));
+            continue;
+        };
+        let newer: Vec<String> = child.attributes.keys().filter(|key| !known.contains(key.as_str())).cloned().collect();
+        for key in newer {
+            if convert(&mut child, &key) {
+                continue;
+            }
+            if matches!((child.name.as_str(), key.as_str()), (_, "plugin" | "instance")) {
+                return Err(newer_error(file, format!("{} {key}", child.name), "an engine plugin", &child));
+            }
+            child.attributes.shift_remove(&key);
+            found.insert(format!("{} {key}", child.name));
+        }
+        walk(&mut child, schema, file, found)?;
+        kept.push(XMLNode::Element(child));
+    }
+    element.children = kept;
+    Ok(())
+}
+
+/// Tells whether an attribute is kept for [`super::mend`] to express in another way.
+fn convert(element: &mut Element, key: &str) -> bool {
+    matches!((element.name.as_str(), key), ("position", "kv" | "dampratio") | ("connect", "site1" | "site2"))
+}
+
+fn refuse(parent: &str, child: &Element, file: &Path) -> Result<(), HandError> {
+    let what = match child.name.as_str() {
+        "extension" | "plugin" => "engine plugins; write their actuators anew as <position>, or leave them out",
+        "frame" => "frames; save the model with a newer MuJoCo (mj_saveLastXML), which resolves them",
+        "replicate" | "attach" | "model" => {
+            "models made of models; save the model with a newer MuJoCo (mj_saveLastXML), which resolves them"
+        }
+        "flex" | "flexcomp" => "soft bodies",
+        _ if matches!(parent, "body" | "worldbody" | "actuator" | "equality" | "tendon" | "contact" | "mujoco") => {
+            "an element it does not know"
+        }
+        _ => return Ok(()),
+    };
+    // What stands in a section that is left out goes with it.
+    if LEFT_OUT.contains(&parent) || LEFT_OUT.contains(&child.name.as_str()) {
+        return Ok(());
+    }
+    Err(newer_error(file, format!("<{}> in <{parent}>", child.name), what, child))
+}
+
+fn newer_error(file: &Path, place: String, what: &str, element: &Element) -> HandError {
+    let name = element.attributes.get("name").map(|name| format!(" `{name}`")).unwrap_or_default();
+    HandError::model(file, place, "MJCF of MuJoCo 2.2.2", format!("<{}>{name}: {what}", element.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_schema_is_read() {
+        let schema = Schema::read();
+        assert!(schema.attributes("body", "geom").unwrap().contains("fluidcoef"));
+        assert!(schema.attributes("worldbody", "body").unwrap().contains("childclass"));
+        assert!(schema.attributes("default", "position").unwrap().contains("kp"));
+        assert!(!schema.attributes("actuator", "position").unwrap().contains("kv"));
+        assert!(schema.attributes("fixed", "joint").unwrap().contains("coef"));
+        assert!(schema.attributes("mujoco", "extension").is_none());
+    }
+}

@@ -1,0 +1,169 @@
+//! Actuators, damping and control ranges for a model that has none.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use xmltree::{Element, XMLNode};
+
+use super::Imported;
+use super::mjcf::{each_in_world, elements_mut};
+use crate::error::HandError;
+use crate::hand::JointKind;
+use crate::mjcf::{Defaults, section};
+use crate::model::Joints;
+
+/// Torque limit of a hinge (N m) and force limit of a slide (N) where the file states none that a finger can have.
+const TORQUE: f64 = 1.0;
+const FORCE: f64 = 20.0;
+/// Efforts outside these (N m, N) are placeholders, or the motors of an arm.
+const TORQUES: [f64; 2] = [0.05, 5.0];
+const FORCES: [f64; 2] = [1.0, 200.0];
+/// A servo reaches its limit at this error (rad, m).
+const HINGE_ERROR: f64 = 0.8;
+const SLIDE_ERROR: f64 = 0.02;
+/// Time constant (s) of a servo against its joint's damping, long against the simulation's step.
+const TIME_CONSTANT: f64 = 0.15;
+/// Damping (N m s) of a joint that no servo drives.
+const FREE_DAMPING: f64 = 0.02;
+/// Rotor inertia (kg m2) or mass (kg) for one unit of stiffness: the servo's frequency stays far below the step's.
+const ARMATURE: f64 = 1e-3;
+/// Range (rad, m) that a servo covers on a joint without limits.
+const TURN: f64 = std::f64::consts::PI;
+const TRAVEL: f64 = 0.1;
+
+/// Adds servos where the model has no actuator, damping and armature where its joints have none, and control ranges
+/// where its actuators have none.
+pub(super) fn complete(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    if section(&imported.model, "actuator").next().is_none() {
+        add(imported, file, notes)?;
+    } else {
+        control_ranges(&mut imported.model, file, notes)?;
+    }
+    steady(&mut imported.model, file, notes)
+}
+
+fn limit(effort: Option<&f64>, [least, most]: [f64; 2], usual: f64) -> f64 {
+    effort.copied().filter(|effort| (least..=most).contains(effort)).unwrap_or(usual)
+}
+
+fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    let joints = Joints::read(&imported.model, file)?;
+    let dependent: BTreeSet<&String> = section(&imported.model, "equality")
+        .filter(|e| e.name == "joint" && e.attributes.contains_key("joint2"))
+        .filter_map(|e| e.attributes.get("joint1"))
+        .collect();
+    let mut actuators = Element::new("actuator");
+    let (mut stated, mut assumed) = (0, 0);
+    for joint in joints.0.iter().filter(|joint| !dependent.contains(&joint.name)) {
+        let effort = imported.efforts.get(&joint.name);
+        let (force, error, half) = match joint.kind {
+            JointKind::Hinge => (limit(effort, TORQUES, TORQUE), HINGE_ERROR, TURN),
+            JointKind::Slide => (limit(effort, FORCES, FORCE), SLIDE_ERROR, TRAVEL),
+        };
+        if effort == Some(&force) {
+            stated += 1
+        } else {
+            assumed += 1
+        }
+        let (low, high) = joint.range.unwrap_or((-half, half));
+        let mut servo = Element::new("position");
+        for (key, value) in [
+            ("name", joint.name.clone()),
+            ("joint", joint.name.clone()),
+            ("kp", round(force / error).to_string()),
+            ("ctrllimited", "true".to_owned()),
+            ("ctrlrange", format!("{low} {high}")),
+            ("forcelimited", "true".to_owned()),
+            ("forcerange", format!("{} {force}", -force)),
+        ] {
+            servo.attributes.insert(key.to_owned(), value);
+        }
+        actuators.children.push(XMLNode::Element(servo));
+    }
+    let n = actuators.children.len();
+    imported.model.children.push(XMLNode::Element(actuators));
+    notes.push(format!(
+        "the file has no actuators: {n} position servos were added, {stated} with the file's effort as force limit, \
+         {assumed} with {TORQUE} N m (slides: {FORCE} N)"
+    ));
+    Ok(())
+}
+
+/// Gives damping and armature to the joints of a model in which none has damping.
+fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    let defaults = Defaults::read(root, file)?;
+    let mut stiffness = BTreeMap::new();
+    for actuator in section(root, "actuator") {
+        let resolved = defaults.resolve(actuator, None, file)?;
+        if let (Some(joint), Some(kp)) = (resolved.text("joint"), resolved.number("kp")?) {
+            stiffness.insert(joint.to_owned(), kp);
+        }
+    }
+    let (mut damped, mut joints) = (false, 0);
+    each_in_world(root, &mut |element, class| {
+        if element.name == "joint" {
+            damped |= defaults.resolve(element, class, file)?.number("damping")?.unwrap_or(0.0) > 0.0;
+            joints += 1;
+        }
+        Ok::<(), HandError>(())
+    })?;
+    if damped {
+        return Ok(());
+    }
+    each_in_world(root, &mut |element, class| {
+        if element.name != "joint" {
+            return Ok(());
+        }
+        let resolved = defaults.resolve(element, class, file)?;
+        let kp = element.attributes.get("name").and_then(|name| stiffness.get(name)).copied();
+        let damping = kp.map_or(FREE_DAMPING, |kp| TIME_CONSTANT * kp);
+        element.attributes.insert("damping".to_owned(), round(damping).to_string());
+        if resolved.number("armature")?.unwrap_or(0.0) <= 0.0 {
+            let armature = ARMATURE * kp.unwrap_or(1.0).max(1.0);
+            element.attributes.insert("armature".to_owned(), round(armature).to_string());
+        }
+        Ok::<(), HandError>(())
+    })?;
+    notes.push(format!(
+        "no joint has damping: {joints} joints got {TIME_CONSTANT} s times their servo's kp ({FREE_DAMPING} without a \
+         servo) and an armature of {ARMATURE} kg m2 for each unit of kp"
+    ));
+    Ok(())
+}
+
+/// Gives a control range to actuators that have none and none can be computed.
+fn control_ranges(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    let defaults = Defaults::read(root, file)?;
+    let joints = Joints::read(root, file)?;
+    let mut made = Vec::new();
+    for section in elements_mut(root).filter(|e| e.name == "actuator") {
+        for actuator in elements_mut(section) {
+            let resolved = defaults.resolve(actuator, None, file)?;
+            let servo = matches!(actuator.name.as_str(), "position" | "intvelocity" | "general");
+            let joint = resolved.text("joint").and_then(|name| joints.0.iter().find(|joint| joint.name == name));
+            if resolved.limits("ctrlrange", "ctrllimited")?.is_some()
+                || (servo && joint.is_some_and(|joint| joint.range.is_some()))
+            {
+                continue;
+            }
+            let gear = resolved.number("gear")?.unwrap_or(1.0);
+            let (low, high) = match (resolved.limits("forcerange", "forcelimited")?, servo, joint) {
+                (_, true, Some(joint)) if joint.kind == JointKind::Hinge => (-TURN, TURN),
+                (_, true, Some(_)) => (-TRAVEL, TRAVEL),
+                (Some((low, high)), false, _) if gear != 0.0 => (low / gear.abs(), high / gear.abs()),
+                _ => (-1.0, 1.0),
+            };
+            actuator.attributes.insert("ctrllimited".to_owned(), "true".to_owned());
+            actuator.attributes.insert("ctrlrange".to_owned(), format!("{low} {high}"));
+            made.push(actuator.attributes.get("name").cloned().unwrap_or_default());
+        }
+    }
+    if !made.is_empty() {
+        notes.push(format!("actuators without a control range got one, please look at it: {}", made.join(", ")));
+    }
+    Ok(())
+}
+
+fn round(value: f64) -> f64 {
+    (value * 1e6).round() / 1e6
+}
