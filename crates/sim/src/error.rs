@@ -109,6 +109,12 @@ pub enum SimError {
         /// What does not fit, and what to change.
         reason: String,
     },
+    /// A hand that nobody has described could not be made out.
+    #[error("the hand cannot be made out: {reason}")]
+    Survey {
+        /// What was found, and what to do.
+        reason: String,
+    },
     /// The simulation produced values that are not finite or too large.
     #[error("the simulation diverged at step {step} of the episode")]
     Diverged {

@@ -8,6 +8,7 @@ mod objects;
 mod physics;
 mod reward;
 pub mod scene;
+pub mod survey;
 mod task;
 mod xml;
 

@@ -82,7 +82,7 @@ impl Data {
         &self.model
     }
 
-    fn get(&self) -> &mjData {
+    pub(super) fn get(&self) -> &mjData {
         // SAFETY: `raw` is valid for as long as `self` lives, and `&self` excludes a writer.
         unsafe { self.raw.as_ref() }
     }

@@ -3,6 +3,7 @@
 #[rustfmt::skip]
 mod bindings;
 mod data;
+mod geometry;
 mod ids;
 mod library;
 mod model;

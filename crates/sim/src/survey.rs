@@ -1,0 +1,591 @@
+//! What can be found out about a hand nobody has described: palm, fingers, fingertips, the way it closes, and how to
+//! hang it above a plane.
+//!
+//! Nothing is read from names. The hand is driven without gravity and without contacts, by its own actuators, and what
+//! its parts do is measured; so couplings, tendons and closed loops count as they are.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use xmltree::Element;
+
+use crate::SimError;
+use crate::ffi::{BodyId, Data, GeomId, JointId, Model, MuJoCo};
+use crate::xml::{append, element, elements_mut};
+
+/// Name of the body that carries the hand while it is surveyed.
+const CARRIAGE: &str = "survey/carriage";
+/// Random postures that are looked at.
+const POSTURES: usize = 40;
+/// Time in s in which a posture is taken.
+const SETTLE_TIME: f64 = 1.0;
+const TIMESTEP: f64 = 0.002;
+/// An actuator whose effect on its fingers' distance from the grasp is below this share of the largest does not close.
+const NEUTRAL: f64 = 0.2;
+/// A direction within this angle (rad) of an axis of the palm is taken to be that axis.
+const SNAP_ANGLE: f64 = 0.55;
+/// Reach in m of a finger, and opening in m between fingertips, for which the objects have the right size.
+const USUAL_REACH: f64 = 0.1;
+const USUAL_OPENING: f64 = 0.11;
+/// Opening in m that the open posture aims at, for objects of scale 1.
+const OPENING: f64 = 0.13;
+/// Scales this near to 1 are 1.
+const NEAR_ONE: f64 = 0.25;
+const SCALES: [f64; 2] = [0.3, 1.5];
+/// Height in m of the tallest object of scale 1, and the room above it.
+const TALLEST: f64 = 0.095;
+const ROOM: f64 = 0.012;
+/// How far in m the hand can press on the plane, and its travel above that.
+const PRESS: f64 = 0.005;
+const TRAVEL: f64 = 0.28;
+/// A joint that moves less than this (rad, m) over all postures is stuck.
+const STUCK: f64 = 1e-4;
+const SEED: u64 = 7;
+
+/// What the owner of a hand knows better.
+#[derive(Clone, Debug, Default)]
+pub struct Hints {
+    /// Body of the palm.
+    pub palm: Option<String>,
+    /// Direction in the palm's frame in which the hand approaches an object.
+    pub approach: Option<[f64; 3]>,
+}
+
+/// A finger of a surveyed hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finger {
+    /// Body that bears the tip.
+    pub body: String,
+    /// The tip in the body's frame, in m.
+    pub tip: [f64; 3],
+    /// Length in m from the finger's first joint to its tip when it is straight.
+    pub reach: f64,
+}
+
+/// Which way an actuator closes the hand.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Closing {
+    /// Towards the upper end of its control range.
+    Up,
+    /// Towards the lower end of its control range.
+    Down,
+    /// It does neither: it spreads fingers or turns a wrist.
+    Neither,
+}
+
+/// What was found out about a hand.
+#[derive(Clone, Debug)]
+pub struct Survey {
+    /// Body of the palm.
+    pub palm: String,
+    /// The fingers, in the order of the model.
+    pub fingers: Vec<Finger>,
+    /// Direction of approach in the palm's frame.
+    pub approach: [f64; 3],
+    /// What each actuator does, in the order of the model.
+    pub closing: Vec<(String, Closing)>,
+    /// Positions of the joints in the open posture, in rad and m.
+    pub open_posture: BTreeMap<String, f64>,
+    /// Distance in m between opposing fingertips of the open hand.
+    pub opening: f64,
+    /// Factor on the objects' lengths.
+    pub object_scale: f64,
+    /// Pose of the hand's root above the plane: `slide_from_root`.
+    pub mount: Isometry3<f64>,
+    /// Lowest and highest position of the slide in m.
+    pub slide_range: [f64; 2],
+    /// Joints that can move, in the order of the model.
+    pub moving: Vec<String>,
+    /// Joints that never moved.
+    pub stuck: Vec<String>,
+    /// Pairs of bodies that overlap in the open posture or the initial one.
+    pub overlaps: Vec<(String, String)>,
+}
+
+/// Surveys the hand whose model is `root`, with the files that it names.
+///
+/// # Errors
+/// [`SimError::Compile`] with MuJoCo's reason, [`SimError::Survey`] where no palm or finger can be made out.
+pub fn survey(
+    library: &Arc<MuJoCo>,
+    root: &Element,
+    assets: &[(String, Vec<u8>)],
+    hints: &Hints,
+) -> Result<Survey, SimError> {
+    let model = Arc::new(Model::from_xml(library, &stand(root, "disable"), assets)?);
+    let touching = Arc::new(Model::from_xml(library, &stand(root, "enable"), assets)?);
+    let palm = match &hints.palm {
+        Some(name) => model.body(name)?,
+        None => common_ancestor(&model)?,
+    };
+    let chains = chains(&model, palm)?;
+    let mut lab = Lab::new(&model, palm)?;
+    let poses = lab.random_postures(chains)?;
+    lab.approach(&poses, hints.approach)?;
+    let closing = lab.closing(&poses)?;
+    let open = lab.open(&closing)?;
+    lab.report(&poses, closing, open, &touching)
+}
+
+/// A finger while it is measured.
+struct Chain {
+    /// Joint nearest to the palm.
+    first_joint: JointId,
+    /// Body that bears the tip.
+    tip_body: BodyId,
+    /// The tip in the body's frame.
+    tip: Vector3<f64>,
+}
+
+/// One posture, in the palm's frame.
+struct Pose {
+    controls: Vec<f64>,
+    tips: Vec<Vector3<f64>>,
+}
+
+/// The hand alone on a heavy carriage, so that nothing of it is welded to the world.
+fn stand(root: &Element, contacts: &str) -> String {
+    let mut stand = root.clone();
+    stand.children.retain(|n| n.as_element().is_some_and(|e| !matches!(e.name.as_str(), "option" | "size")));
+    let flag = element("flag", &[("gravity", "disable".into()), ("contact", contacts.to_owned())]);
+    let mut option = element("option", &[("timestep", TIMESTEP.to_string())]);
+    append(&mut option, flag);
+    append(&mut stand, option);
+    append(&mut stand, element("size", &[("nconmax", "1000".into()), ("njmax", "4000".into())]));
+    for world in elements_mut(&mut stand).filter(|e| e.name == "worldbody") {
+        let mut carriage = element("body", &[("name", CARRIAGE.into())]);
+        let inertial = [("pos", "0 0 0"), ("mass", "1000"), ("diaginertia", "10 10 10")];
+        append(&mut carriage, element("inertial", &inertial.map(|(key, value)| (key, value.to_owned()))));
+        let slide =
+            [("name", CARRIAGE), ("type", "slide"), ("axis", "0 0 1"), ("limited", "false"), ("stiffness", "0")];
+        append(&mut carriage, element("joint", &slide.map(|(key, value)| (key, value.to_owned()))));
+        carriage.children.append(&mut world.children);
+        append(world, carriage);
+    }
+    let mut text = Vec::new();
+    // Writing into memory fails only for a document that the library could not have parsed.
+    match stand.write(&mut text) {
+        Ok(()) => String::from_utf8_lossy(&text).into_owned(),
+        Err(_) => String::new(),
+    }
+}
+
+fn refuse(reason: impl Into<String>) -> SimError {
+    SimError::Survey { reason: reason.into() }
+}
+
+/// Bodies from `body` up to the world, itself first.
+fn ancestors(model: &Model, body: BodyId) -> impl Iterator<Item = BodyId> + '_ {
+    let mut next = Some(body);
+    std::iter::from_fn(move || {
+        let current = next?;
+        let parent = model.body_parent(current);
+        next = (parent != current).then_some(parent);
+        Some(current)
+    })
+}
+
+/// Tells for every body whether a joint of the hand moves it against its parent.
+fn jointed(model: &Model) -> Vec<bool> {
+    let mut found = vec![false; model.nbody()];
+    for joint in model.joints().filter(|&joint| model.joint_name(joint) != CARRIAGE) {
+        found[model.joint_body(joint).index()] = true;
+    }
+    found
+}
+
+/// The lowest body above all moving parts: whatever carries every finger.
+fn common_ancestor(model: &Model) -> Result<BodyId, SimError> {
+    let moves = jointed(model);
+    let has_child_that_moves = |body: BodyId| {
+        model.bodies().any(|b| moves[b.index()] && b != body && ancestors(model, b).skip(1).any(|a| a == body))
+    };
+    let ends: Vec<BodyId> = model.bodies().filter(|&b| moves[b.index()] && !has_child_that_moves(b)).collect();
+    let first = *ends.first().ok_or_else(|| refuse("the model has no joint"))?;
+    let shared = ancestors(model, first)
+        .skip(usize::from(ends.len() == 1))
+        .find(|&a| ends.iter().all(|&end| end != a && ancestors(model, end).any(|b| b == a)));
+    shared.filter(|b| b.index() > 0).ok_or_else(|| refuse("no body carries all fingers; name the palm with --palm"))
+}
+
+/// Returns the body at the top of the rigid group of `body`: what no joint moves against it.
+fn rigid_root(model: &Model, moves: &[bool], body: BodyId) -> BodyId {
+    ancestors(model, body).find(|b| moves[b.index()] || model.body_parent(*b).index() == 0).unwrap_or(body)
+}
+
+/// Finds the fingers: what hangs on the palm by a joint. Parts that a closed loop ties together are one finger.
+fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, SimError> {
+    let moves = jointed(model);
+    let group = rigid_root(model, &moves, palm);
+    let in_palm = |b: BodyId| rigid_root(model, &moves, b) == group;
+    // The branch of a body: the first moving body on the way from the palm to it.
+    let branch = |body: BodyId| -> Option<BodyId> {
+        let path: Vec<BodyId> = ancestors(model, body).take_while(|&b| !in_palm(b)).collect();
+        let top = *path.last()?;
+        in_palm(model.body_parent(top)).then_some(top)
+    };
+    let mut leader: BTreeMap<BodyId, BodyId> = model.bodies().filter_map(|b| branch(b).map(|top| (top, top))).collect();
+    for (a, b) in model.tied_bodies() {
+        if let (Some(a), Some(b)) = (branch(a), branch(b)) {
+            let (from, to) = (leader[&a], leader[&b]);
+            leader.values_mut().filter(|l| **l == from).for_each(|l| *l = to);
+        }
+    }
+    let mut data = Data::new(model)?;
+    data.forward();
+    let mut tops: Vec<BodyId> = leader.values().copied().collect();
+    tops.sort_unstable();
+    tops.dedup();
+    let mut found = Vec::new();
+    for top in tops {
+        let bodies: Vec<BodyId> =
+            model.bodies().filter(|&b| branch(b).is_some_and(|branch| leader[&branch] == top)).collect();
+        found.extend(chain(model, &data, &moves, bodies));
+    }
+    if found.is_empty() {
+        let palm = model.body_name(palm);
+        return Err(refuse(format!(
+            "nothing that can touch an object hangs on {palm:?} by a joint; name the palm with --palm"
+        )));
+    }
+    Ok(found)
+}
+
+/// The tip is the point of the finger's last moving part that lies farthest from the joints before it.
+fn chain(model: &Model, data: &Data, moves: &[bool], bodies: Vec<BodyId>) -> Option<Chain> {
+    let depth = |body: BodyId| ancestors(model, body).filter(|b| moves[b.index()]).count();
+    let joint_of = |body: BodyId| model.joints().find(|&j| model.joint_body(j) == body);
+    let first_joint = bodies.iter().find_map(|&b| joint_of(b))?;
+    let base = data.joint_anchor(first_joint);
+    let geoms: Vec<GeomId> =
+        model.geoms().filter(|&g| model.geom_collides(g) && bodies.contains(&model.geom_body(g))).collect();
+    let deepest = geoms.iter().map(|&g| depth(model.geom_body(g))).max()?;
+    let (body, point) = geoms
+        .iter()
+        .filter(|&&g| depth(model.geom_body(g)) == deepest)
+        .map(|&g| {
+            let part = rigid_root(model, moves, model.geom_body(g));
+            let from = joint_of(part).map_or(base, |joint| data.joint_anchor(joint));
+            let away = data.geom_position(g) - from;
+            let outward = if away.norm() > 1e-6 { away } else { from - base };
+            (model.geom_body(g), data.farthest_point(g, &outward))
+        })
+        .max_by(|a, b| (a.1 - base).norm().total_cmp(&(b.1 - base).norm()))?;
+    let tip = data.body_orientation(body).inverse_transform_vector(&(point - data.body_position(body)));
+    Some(Chain { first_joint, tip_body: body, tip })
+}
+
+/// The hand under examination.
+struct Lab<'a> {
+    model: &'a Arc<Model>,
+    palm: BodyId,
+    data: Data,
+    chains: Vec<Chain>,
+    ranges: Vec<(f64, f64)>,
+    /// Direction of approach and centre of the grasp in the palm's frame.
+    approach: Vector3<f64>,
+    grasp: Vector3<f64>,
+    /// Length of each finger when it is straight, and the number of the posture in which it is.
+    straight: Vec<(f64, usize)>,
+    lowest: Vec<f64>,
+    highest: Vec<f64>,
+}
+
+impl<'a> Lab<'a> {
+    fn new(model: &'a Arc<Model>, palm: BodyId) -> Result<Self, SimError> {
+        let ranges = model
+            .actuators()
+            .map(|id| {
+                let name = model.actuator_name(id);
+                model.control_range(id).ok_or_else(|| refuse(format!("actuator {name:?} has no control range")))
+            })
+            .collect::<Result<_, _>>()?;
+        let data = Data::new(model)?;
+        Ok(Lab {
+            model,
+            palm,
+            data,
+            chains: Vec::new(),
+            ranges,
+            approach: Vector3::z(),
+            grasp: Vector3::zeros(),
+            straight: Vec::new(),
+            lowest: vec![f64::INFINITY; model.nq()],
+            highest: vec![f64::NEG_INFINITY; model.nq()],
+        })
+    }
+
+    /// Holds controls until the hand has settled.
+    fn take(&mut self, controls: &[f64]) -> Result<Vec<Vector3<f64>>, SimError> {
+        self.data.reset();
+        self.data.ctrl_mut().copy_from_slice(controls);
+        for _ in 0..(SETTLE_TIME / TIMESTEP) as usize {
+            self.data.step();
+        }
+        if self.data.warnings().bad_state > 0 || self.data.qpos().iter().any(|q| !q.is_finite()) {
+            return Err(refuse(
+                "the hand diverges under its own actuators, without contacts or gravity: give its joints damping and \
+                 armature, or its actuators less gain",
+            ));
+        }
+        for (i, &q) in self.data.qpos().iter().enumerate() {
+            self.lowest[i] = self.lowest[i].min(q);
+            self.highest[i] = self.highest[i].max(q);
+        }
+        let palm_from_world = self.palm_pose().inverse();
+        let tip = |chain: &Chain| {
+            let turned = self.data.body_orientation(chain.tip_body) * chain.tip;
+            palm_from_world.transform_point(&(self.data.body_position(chain.tip_body) + turned).into()).coords
+        };
+        Ok(self.chains.iter().map(tip).collect())
+    }
+
+    fn palm_pose(&self) -> Isometry3<f64> {
+        Isometry3::from_parts(
+            Translation3::from(self.data.body_position(self.palm)),
+            self.data.body_orientation(self.palm),
+        )
+    }
+
+    /// Where a finger's first joint is, in the palm's frame.
+    fn base(&self, chain: &Chain) -> Vector3<f64> {
+        self.palm_pose().inverse_transform_point(&self.data.joint_anchor(chain.first_joint).into()).coords
+    }
+
+    fn random_postures(&mut self, chains: Vec<Chain>) -> Result<Vec<Pose>, SimError> {
+        self.chains = chains;
+        let mut random = ChaCha8Rng::seed_from_u64(SEED);
+        let mut poses = Vec::with_capacity(POSTURES);
+        for _ in 0..POSTURES {
+            let controls: Vec<f64> =
+                self.ranges.iter().map(|&(low, high)| low + (high - low) * random.random_range(0.0..=1.0)).collect();
+            let tips = self.take(&controls)?;
+            poses.push(Pose { controls, tips });
+        }
+        self.straight = (0..self.chains.len())
+            .map(|f| {
+                let base = self.base(&self.chains[f]);
+                let length = |pose: &Pose| (pose.tips[f] - base).norm();
+                let longest = (0..poses.len()).max_by(|&a, &b| length(&poses[a]).total_cmp(&length(&poses[b])));
+                longest.map_or((0.0, 0), |at| (length(&poses[at]), at))
+            })
+            .collect();
+        Ok(poses)
+    }
+
+    /// The hand approaches where its fingers reach on average, over all that they can do.
+    fn approach(&mut self, poses: &[Pose], hint: Option<[f64; 3]>) -> Result<(), SimError> {
+        let n = poses.len().max(1) as f64;
+        let means: Vec<Vector3<f64>> =
+            (0..self.chains.len()).map(|f| poses.iter().map(|pose| pose.tips[f]).sum::<Vector3<f64>>() / n).collect();
+        let outward: Vector3<f64> = (0..self.chains.len())
+            .map(|f| (means[f] - self.base(&self.chains[f])) / self.straight[f].0.max(1e-6))
+            .sum();
+        let direction = match hint {
+            Some(given) => Vector3::from(given),
+            None => snap(&outward),
+        };
+        self.approach = direction.try_normalize(1e-6).ok_or_else(|| {
+            refuse("the direction of approach cannot be made out; name it with --approach, such as --approach +z")
+        })?;
+        self.grasp = means.iter().sum::<Vector3<f64>>() / means.len().max(1) as f64;
+        Ok(())
+    }
+
+    /// Tells which way each actuator brings the tips of straight fingers nearer to the grasp.
+    fn closing(&mut self, poses: &[Pose]) -> Result<Vec<Closing>, SimError> {
+        const NUDGE: f64 = 0.25;
+        let mut effects = vec![0.0; self.ranges.len()];
+        let starts: Vec<usize> = self.straight.iter().map(|&(_, at)| at).collect();
+        for (finger, start) in starts.into_iter().enumerate() {
+            let from = poses[start].controls.clone();
+            for actuator in 0..self.ranges.len() {
+                let (low, high) = self.ranges[actuator];
+                let mut distance = [0.0; 2];
+                for (end, sign) in [-1.0, 1.0].into_iter().enumerate() {
+                    let mut controls = from.clone();
+                    controls[actuator] = (from[actuator] + sign * NUDGE * (high - low)).clamp(low, high);
+                    let tip = self.take(&controls)?[finger];
+                    distance[end] = (tip - self.grasp).norm();
+                }
+                effects[actuator] += distance[0] - distance[1];
+            }
+        }
+        let largest = effects.iter().fold(0.0_f64, |most, e| most.max(e.abs()));
+        Ok(effects
+            .iter()
+            .map(|&effect| {
+                if effect.abs() <= NEUTRAL * largest {
+                    Closing::Neither
+                } else if effect > 0.0 {
+                    Closing::Up
+                } else {
+                    Closing::Down
+                }
+            })
+            .collect())
+    }
+
+    /// Controls of the hand closed by a share of each closing actuator's range.
+    fn closed_by(&self, closing: &[Closing], share: f64) -> Vec<f64> {
+        self.ranges
+            .iter()
+            .zip(closing)
+            .map(|(&(low, high), closing)| match closing {
+                Closing::Up => low + share * (high - low),
+                Closing::Down => high - share * (high - low),
+                Closing::Neither if low <= 0.0 && 0.0 <= high => 0.0,
+                Closing::Neither => (low + high) / 2.0,
+            })
+            .collect()
+    }
+
+    /// Twice the mean distance of the tips from the line of approach.
+    fn opening(&self, tips: &[Vector3<f64>]) -> f64 {
+        let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
+        let across = |tip: &Vector3<f64>| {
+            let from = tip - centre;
+            (from - self.approach * from.dot(&self.approach)).norm()
+        };
+        2.0 * tips.iter().map(across).sum::<f64>() / tips.len().max(1) as f64
+    }
+
+    /// Finds how far closed the hand should start: controls, opening and scale of the objects.
+    fn open(&mut self, closing: &[Closing]) -> Result<(Vec<f64>, f64, f64), SimError> {
+        const SHARES: [f64; 9] = [0.08, 0.15, 0.22, 0.29, 0.36, 0.43, 0.5, 0.57, 0.64];
+        let mut tried = Vec::new();
+        for share in SHARES {
+            let controls = self.closed_by(closing, share);
+            let tips = self.take(&controls)?;
+            tried.push((controls, self.opening(&tips)));
+        }
+        let widest = tried.iter().map(|(_, opening)| *opening).fold(0.0, f64::max);
+        let reach = self.straight.iter().map(|(length, _)| *length).sum::<f64>() / self.straight.len().max(1) as f64;
+        let scale = (reach / USUAL_REACH).min(widest / USUAL_OPENING);
+        let scale = if (scale - 1.0).abs() <= NEAR_ONE { 1.0 } else { (scale * 20.0).round() / 20.0 };
+        let scale = scale.clamp(SCALES[0], SCALES[1]);
+        let wanted = OPENING * scale;
+        let best = tried.into_iter().min_by(|a, b| (a.1 - wanted).abs().total_cmp(&(b.1 - wanted).abs()));
+        let (controls, opening) = best.ok_or_else(|| refuse("the hand has no actuator"))?;
+        Ok((controls, opening, scale))
+    }
+
+    fn report(
+        mut self,
+        poses: &[Pose],
+        closing: Vec<Closing>,
+        (controls, opening, object_scale): (Vec<f64>, f64, f64),
+        touching: &Arc<Model>,
+    ) -> Result<Survey, SimError> {
+        let tips = self.take(&controls)?;
+        let model = Arc::clone(self.model);
+        let hand_joints: Vec<JointId> = model.joints().filter(|&j| model.joint_name(j) != CARRIAGE).collect();
+        let range = |j: JointId| self.highest[model.qpos_address(j)] - self.lowest[model.qpos_address(j)];
+        let (moving, stuck): (Vec<JointId>, Vec<JointId>) = hand_joints.iter().partition(|&&j| range(j) > STUCK);
+        let open_posture = hand_joints
+            .iter()
+            .map(|&j| {
+                let q = self.data.qpos()[model.qpos_address(j)];
+                let q = model.joint_range(j).map_or(q, |(low, high)| q.clamp(low, high));
+                (model.joint_name(j), (q * 1e4).round() / 1e4)
+            })
+            .map(|(name, q)| (name.clone(), within(&model, &name, q)))
+            .collect();
+        let (mount, slide_range) = self.mount(poses, &tips, object_scale);
+        let overlaps = self.overlaps(touching)?;
+        let names = |joints: &[JointId]| joints.iter().map(|&j| model.joint_name(j)).collect();
+        let fingers = self
+            .chains
+            .iter()
+            .zip(&self.straight)
+            .map(|(chain, &(reach, _))| Finger {
+                body: model.body_name(chain.tip_body),
+                tip: chain.tip.map(|v| (v * 1e5).round() / 1e5).into(),
+                reach,
+            })
+            .collect();
+        Ok(Survey {
+            palm: model.body_name(self.palm),
+            fingers,
+            approach: self.approach.into(),
+            closing: model.actuators().map(|id| model.actuator_name(id)).zip(closing).collect(),
+            open_posture,
+            opening,
+            object_scale,
+            mount,
+            slide_range,
+            moving: names(&moving),
+            stuck: names(&stuck),
+            overlaps,
+        })
+    }
+
+    /// Turns the direction of approach down and the fingers along x, and puts the tallest object under the open hand.
+    fn mount(&self, poses: &[Pose], tips: &[Vector3<f64>], scale: f64) -> (Isometry3<f64>, [f64; 2]) {
+        let down = self.approach;
+        let straight: Vector3<f64> = (0..self.chains.len())
+            .map(|f| poses[self.straight[f].1].tips[f] - self.base(&self.chains[f]))
+            .map(|v| v.try_normalize(1e-9).unwrap_or_else(Vector3::zeros))
+            .sum();
+        let level = |v: Vector3<f64>| (v - down * v.dot(&down)).try_normalize(0.3);
+        let forward = level(straight)
+            .map(|v| level(snap(&v)).unwrap_or(v))
+            .or_else(|| [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().find_map(level))
+            .unwrap_or_else(Vector3::x);
+        let side = (-down).cross(&forward);
+        let world_from_palm = Rotation3::from_matrix_unchecked(Matrix3::from_rows(&[
+            forward.transpose(),
+            side.transpose(),
+            -down.transpose(),
+        ]));
+        let turn =
+            UnitQuaternion::from_rotation_matrix(&world_from_palm) * self.data.body_orientation(self.palm).inverse();
+        // The carriage stands at the world's origin and is not turned, so `turn` is the mount's.
+        let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
+        let centre = turn * self.palm_pose().transform_point(&centre.into()).coords;
+        let up = turn.inverse_transform_vector(&Vector3::z());
+        let lowest = self
+            .model
+            .geoms()
+            .filter(|&g| self.model.geom_collides(g))
+            .map(|g| self.data.farthest_point(g, &-up).dot(&up))
+            .fold(f64::INFINITY, f64::min);
+        let start = TALLEST * scale + ROOM;
+        let round = |v: f64| (v * 1e4).round() / 1e4;
+        let position = Vector3::new(round(-centre.x), round(-centre.y), round(start - lowest));
+        let low = round(-start - PRESS);
+        (Isometry3::from_parts(Translation3::from(position), turn), [low, round(low + TRAVEL)])
+    }
+
+    /// Finds the pairs of bodies that are in contact in the present posture or the initial one.
+    fn overlaps(&self, model: &Arc<Model>) -> Result<Vec<(String, String)>, SimError> {
+        let mut found = std::collections::BTreeSet::new();
+        let mut data = Data::new(model)?;
+        for posture in [self.data.qpos(), self.model.qpos0()] {
+            data.qpos_mut().copy_from_slice(posture);
+            data.forward();
+            for contact in data.contacts() {
+                let [a, b] = contact.geoms.map(|geom| model.geom_body(geom));
+                found.insert((a.min(b), a.max(b)));
+            }
+        }
+        Ok(found.into_iter().map(|(a, b)| (model.body_name(a), model.body_name(b))).collect())
+    }
+}
+
+/// Keeps a rounded position inside a joint's range.
+fn within(model: &Model, joint: &str, q: f64) -> f64 {
+    let range = model.joint(joint).ok().and_then(|id| model.joint_range(id));
+    range.map_or(q, |(low, high)| q.clamp(low, high))
+}
+
+/// Returns the axis that a direction is near to, else the direction.
+fn snap(direction: &Vector3<f64>) -> Vector3<f64> {
+    let Some(unit) = direction.try_normalize(1e-9) else { return *direction };
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let near = axes.iter().flat_map(|a| [*a, -*a]).find(|axis| axis.dot(&unit) > SNAP_ANGLE.cos());
+    near.unwrap_or(unit)
+}
