@@ -5,7 +5,8 @@ use std::path::PathBuf;
 
 use clap::Subcommand;
 use eigenhand_train::{
-    ContractReport, HandSummary, MuJoCo, RegistryEntry, Transmission, check_hand, hand_named, registry,
+    ContractReport, HandSummary, Hints, ImportOptions, MuJoCo, NewHand, RegistryEntry, Transmission, check_hand,
+    describe_new_hand, hand_named, new_hand, registry,
 };
 use serde::Serialize;
 
@@ -33,6 +34,13 @@ enum Command {
         after_help = "Examples:\n  cargo xtask hands check shadow\n  cargo xtask hands check ../my-hands/gripper"
     )]
     Check(CheckArgs),
+    /// Makes a hand's directory from its model file, MJCF or URDF
+    #[command(
+        after_help = "Examples:\n  cargo xtask hands new my-hand --from my_hand.urdf --package my_description=../my_description\n  \
+                      cargo xtask hands new gripper --from 2f85.xml --out ../my-hands/gripper\n\nThen: cargo xtask hands check \
+                      my-hand; cargo xtask train --hand my-hand"
+    )]
+    New(NewArgs),
 }
 
 #[derive(clap::Args)]
@@ -62,12 +70,63 @@ struct CheckArgs {
     install: setup::InstallArgs,
 }
 
+#[derive(clap::Args)]
+struct NewArgs {
+    /// Name of the hand: lower-case letters, digits, `-` and `_`
+    name: String,
+    /// Model file as its maker publishes it: MJCF (.xml) or URDF
+    #[arg(long, value_name = "FILE")]
+    from: PathBuf,
+    /// The hand's directory, which is made [default: plugins/NAME]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Directory of a ROS package that the file names; can be given several times
+    #[arg(long = "package", value_name = "NAME=DIR", value_parser = package)]
+    packages: Vec<(String, PathBuf)>,
+    /// Body or link of the palm [default: what carries all fingers]
+    #[arg(long, value_name = "LINK")]
+    palm: Option<String>,
+    /// Direction in the palm's frame in which the hand approaches an object: +x, -y, ... or x,y,z [default: where its
+    /// fingers reach]
+    #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
+    approach: Option<[f64; 3]>,
+    /// Prints one JSON document on standard output
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+fn package(text: &str) -> Result<(String, PathBuf), String> {
+    match text.split_once('=') {
+        Some((name, directory)) if !name.is_empty() && !directory.is_empty() => Ok((name.into(), directory.into())),
+        _ => Err("expected NAME=DIR, such as my_description=../my_description".to_owned()),
+    }
+}
+
+fn axis(text: &str) -> Result<[f64; 3], String> {
+    let expected = || "expected an axis such as +z or -y, or three numbers such as 0,0.7,0.7".to_owned();
+    let (sign, letter) = match text.strip_prefix('-') {
+        Some(rest) => (-1.0, rest),
+        None => (1.0, text.strip_prefix('+').unwrap_or(text)),
+    };
+    if let Some(at) = ["x", "y", "z"].iter().position(|name| *name == letter) {
+        return Ok(std::array::from_fn(|i| if i == at { sign } else { 0.0 }));
+    }
+    let numbers: Vec<f64> =
+        text.split(',').map(|part| part.trim().parse().map_err(|_| expected())).collect::<Result<_, _>>()?;
+    let vector = <[f64; 3]>::try_from(numbers).map_err(|_| expected())?;
+    let length = vector.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if length > 1e-6 && length.is_finite() { Ok(vector.map(|v| v / length)) } else { Err(expected()) }
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.command {
         Command::List(args) => list(args),
         Command::Show(args) => show(args),
         Command::Check(args) => check(args),
+        Command::New(args) => new(args),
     }
 }
 
@@ -218,6 +277,35 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
         print(&describe(&report))?;
     }
     Ok(if report.passed() { Outcome::Done } else { Outcome::Failed })
+}
+
+fn new(args: &NewArgs) -> anyhow::Result<Outcome> {
+    let request = NewHand {
+        name: args.name.clone(),
+        source: args.from.clone(),
+        directory: args.out.clone().unwrap_or_else(|| PathBuf::from("plugins").join(&args.name)),
+        options: ImportOptions { packages: args.packages.iter().cloned().collect() },
+        hints: Hints { palm: args.palm.clone(), approach: args.approach },
+    };
+    let library = setup::with_mujoco(&args.install, || Ok(MuJoCo::load()?))?;
+    let mut notes = Vec::new();
+    let report = match new_hand(&request, &library, &mut notes) {
+        Ok(report) => report,
+        Err(error) => {
+            notes.iter().for_each(|note| eprintln!("note: {note}"));
+            return Err(error.into());
+        }
+    };
+    if args.json {
+        print_json(&report)?;
+        return Ok(Outcome::Done);
+    }
+    let directory = report.directory.display();
+    print(&format!(
+        "{}\nwritten: {directory}\nnext:    cargo xtask hands check {directory}\n         cargo xtask train --hand {directory}\n",
+        describe_new_hand(&report)
+    ))?;
+    Ok(Outcome::Done)
 }
 
 /// Says what the contract found, one line for each check.

@@ -23,7 +23,7 @@ pub use actuation::Actuation;
 pub use error::HandError;
 pub use hand::{Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
 pub use import::{ImportOptions, Imported, import};
-pub use manifest::{HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide};
+pub use manifest::{HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide, is_hand_name};
 pub use mjcf::{AngleUnit, Compiler};
 pub use registry::{PLUGINS_VARIABLE, Registry, RegistryEntry, SearchPath};
 pub use schema::{KeyInfo, keys};

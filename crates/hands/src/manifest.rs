@@ -204,7 +204,7 @@ impl HandManifest {
         let require = |ok: bool, key: &str, got: String| {
             if ok { Ok(()) } else { Err(HandError::invalid(file, key, schema::expected(key), got)) }
         };
-        require(is_plain_name(&self.name), "name", format!("\"{}\"", self.name))?;
+        require(is_hand_name(&self.name), "name", format!("\"{}\"", self.name))?;
         require(!self.palm.is_empty(), "palm", "\"\"".to_owned())?;
         require(!self.fingertips.is_empty(), "fingertips", "[]".to_owned())?;
         check_relative(&self.model, file)?;
@@ -265,7 +265,8 @@ fn check_relative(model: &str, file: &Path) -> Result<(), HandError> {
     })
 }
 
-fn is_plain_name(name: &str) -> bool {
+/// Tells whether a hand can have this name.
+pub fn is_hand_name(name: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit())
         && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_')
 }

@@ -180,11 +180,28 @@ fn visual() -> Element {
 fn defaults(model: &Element) -> Element {
     let mut hand_class = element("default", &[("class", HAND_CLASS.to_owned())]);
     for own in elements(model).filter(|section| section.name == "default") {
-        hand_class.children.extend(own.children.iter().filter(|c| c.as_element().is_some()).cloned());
+        merge_defaults(&mut hand_class, own);
     }
     let mut main = Element::new("default");
     append(&mut main, hand_class);
     main
+}
+
+/// Adds one default section to another: MJCF allows several, but an element only once in each class.
+fn merge_defaults(into: &mut Element, from: &Element) {
+    for child in elements(from) {
+        let class = child.attributes.get("class");
+        let same = |e: &Element| e.name == child.name && (e.name != "default" || e.attributes.get("class") == class);
+        let known = into.children.iter_mut().filter_map(XMLNode::as_mut_element).find(|e| same(e));
+        if let Some(known) = known {
+            known.attributes.extend(child.attributes.iter().map(|(key, value)| (key.clone(), value.clone())));
+            if child.name == "default" {
+                merge_defaults(known, child);
+            }
+        } else {
+            append(into, child.clone());
+        }
+    }
 }
 
 fn light() -> Element {

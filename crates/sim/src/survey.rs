@@ -23,10 +23,11 @@ const POSTURES: usize = 40;
 /// Time in s in which a posture is taken.
 const SETTLE_TIME: f64 = 1.0;
 const TIMESTEP: f64 = 0.002;
-/// An actuator whose effect on its fingers' distance from the grasp is below this share of the largest does not close.
-const NEUTRAL: f64 = 0.2;
+/// An actuator whose effect on a fingertip's distance from the grasp is below this share of the finger's largest does
+/// not close it.
+const NEUTRAL: f64 = 0.12;
 /// A direction within this angle (rad) of an axis of the palm is taken to be that axis.
-const SNAP_ANGLE: f64 = 0.55;
+const SNAP_ANGLE: f64 = 0.7;
 /// Reach in m of a finger, and opening in m between fingertips, for which the objects have the right size.
 const USUAL_REACH: f64 = 0.1;
 const USUAL_OPENING: f64 = 0.11;
@@ -34,7 +35,7 @@ const USUAL_OPENING: f64 = 0.11;
 const OPENING: f64 = 0.13;
 /// Scales this near to 1 are 1.
 const NEAR_ONE: f64 = 0.25;
-const SCALES: [f64; 2] = [0.3, 1.5];
+const SCALES: [f64; 2] = [0.3, 1.2];
 /// Height in m of the tallest object of scale 1, and the room above it.
 const TALLEST: f64 = 0.095;
 const ROOM: f64 = 0.012;
@@ -398,10 +399,12 @@ impl<'a> Lab<'a> {
     /// Tells which way each actuator brings the tips of straight fingers nearer to the grasp.
     fn closing(&mut self, poses: &[Pose]) -> Result<Vec<Closing>, SimError> {
         const NUDGE: f64 = 0.25;
-        let mut effects = vec![0.0; self.ranges.len()];
+        // The strongest effect of each actuator on a finger, as a share of the strongest that any has on that finger.
+        let mut strongest = vec![0.0_f64; self.ranges.len()];
         let starts: Vec<usize> = self.straight.iter().map(|&(_, at)| at).collect();
         for (finger, start) in starts.into_iter().enumerate() {
             let from = poses[start].controls.clone();
+            let mut effects = Vec::with_capacity(self.ranges.len());
             for actuator in 0..self.ranges.len() {
                 let (low, high) = self.ranges[actuator];
                 let mut distance = [0.0; 2];
@@ -411,20 +414,21 @@ impl<'a> Lab<'a> {
                     let tip = self.take(&controls)?[finger];
                     distance[end] = (tip - self.grasp).norm();
                 }
-                effects[actuator] += distance[0] - distance[1];
+                effects.push(distance[0] - distance[1]);
+            }
+            let largest = effects.iter().fold(1e-9_f64, |most, e| most.max(e.abs()));
+            for (share, effect) in strongest.iter_mut().zip(effects) {
+                if (effect / largest).abs() > share.abs() {
+                    *share = effect / largest;
+                }
             }
         }
-        let largest = effects.iter().fold(0.0_f64, |most, e| most.max(e.abs()));
-        Ok(effects
+        Ok(strongest
             .iter()
-            .map(|&effect| {
-                if effect.abs() <= NEUTRAL * largest {
-                    Closing::Neither
-                } else if effect > 0.0 {
-                    Closing::Up
-                } else {
-                    Closing::Down
-                }
+            .map(|&share| match share {
+                s if s > NEUTRAL => Closing::Up,
+                s if s < -NEUTRAL => Closing::Down,
+                _ => Closing::Neither,
             })
             .collect())
     }

@@ -39,6 +39,20 @@ pub enum TrainError {
     /// A simulation thread ended.
     #[error("a simulation thread ended unexpectedly (its message is above); the run can be continued with --resume")]
     WorkerLost,
+    /// A name that no hand can have.
+    #[error(
+        "a hand's name is of lower-case letters, digits, `-` and `_`, and begins with a letter or digit; got {got:?}"
+    )]
+    HandName {
+        /// The name.
+        got: String,
+    },
+    /// A hand's directory exists already.
+    #[error("{} exists already and is not empty; name another directory with --out, or remove it", path.display())]
+    HandExists {
+        /// The directory.
+        path: PathBuf,
+    },
     /// A run directory exists already.
     #[error("{} exists already; name another with --out, or continue it with --resume {}", path.display(), path.display())]
     RunExists {
@@ -140,6 +154,8 @@ impl TrainError {
                 | TrainError::NoHand { .. }
                 | TrainError::Option { .. }
                 | TrainError::RunExists { .. }
+                | TrainError::HandName { .. }
+                | TrainError::HandExists { .. }
                 | TrainError::OtherSettings { .. }
                 | TrainError::ExportExists { .. }
                 | TrainError::Hand(HandError::UnknownHand { .. } | HandError::NoPluginDirectory { .. })
