@@ -6,6 +6,7 @@
 mod docs;
 mod edges;
 mod gripper;
+mod new_hand;
 mod python;
 mod report;
 #[cfg(unix)]

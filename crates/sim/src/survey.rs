@@ -22,10 +22,10 @@ const CARRIAGE: &str = "survey/carriage";
 const POSTURES: usize = 40;
 /// Time in s in which a posture is taken.
 const SETTLE_TIME: f64 = 1.0;
-const TIMESTEP: f64 = 0.002;
+const TIMESTEP: f64 = 0.004;
 /// An actuator whose effect on a fingertip's distance from the grasp is below this share of the finger's largest does
 /// not close it.
-const NEUTRAL: f64 = 0.12;
+const NEUTRAL: f64 = 0.16;
 /// A direction within this angle (rad) of an axis of the palm is taken to be that axis.
 const SNAP_ANGLE: f64 = 0.7;
 /// Reach in m of a finger, and opening in m between fingertips, for which the objects have the right size.
@@ -244,7 +244,7 @@ fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, SimError> {
     for top in tops {
         let bodies: Vec<BodyId> =
             model.bodies().filter(|&b| branch(b).is_some_and(|branch| leader[&branch] == top)).collect();
-        found.extend(chain(model, &data, &moves, bodies));
+        found.extend(chain(model, &data, &moves, palm, bodies));
     }
     if found.is_empty() {
         let palm = model.body_name(palm);
@@ -256,11 +256,11 @@ fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, SimError> {
 }
 
 /// The tip is the point of the finger's last moving part that lies farthest from the joints before it.
-fn chain(model: &Model, data: &Data, moves: &[bool], bodies: Vec<BodyId>) -> Option<Chain> {
+fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bodies: Vec<BodyId>) -> Option<Chain> {
     let depth = |body: BodyId| ancestors(model, body).filter(|b| moves[b.index()]).count();
     let joint_of = |body: BodyId| model.joints().find(|&j| model.joint_body(j) == body);
     let first_joint = bodies.iter().find_map(|&b| joint_of(b))?;
-    let base = data.joint_anchor(first_joint);
+    let base = base_of(model, data, palm, first_joint);
     let geoms: Vec<GeomId> =
         model.geoms().filter(|&g| model.geom_collides(g) && bodies.contains(&model.geom_body(g))).collect();
     let deepest = geoms.iter().map(|&g| depth(model.geom_body(g))).max()?;
@@ -269,14 +269,27 @@ fn chain(model: &Model, data: &Data, moves: &[bool], bodies: Vec<BodyId>) -> Opt
         .filter(|&&g| depth(model.geom_body(g)) == deepest)
         .map(|&g| {
             let part = rigid_root(model, moves, model.geom_body(g));
-            let from = joint_of(part).map_or(base, |joint| data.joint_anchor(joint));
+            let from = joint_of(part).map_or(base, |joint| base_of(model, data, palm, joint));
             let away = data.geom_position(g) - from;
             let outward = if away.norm() > 1e-6 { away } else { from - base };
-            (model.geom_body(g), data.farthest_point(g, &outward))
+            // On the line through the geom's middle: a box's farthest point is a corner.
+            let (middle, outward) = (data.geom_position(g), outward.try_normalize(1e-9).unwrap_or_else(Vector3::z));
+            let length = (data.farthest_point(g, &outward) - middle).dot(&outward);
+            (model.geom_body(g), middle + outward * length)
         })
         .max_by(|a, b| (a.1 - base).norm().total_cmp(&(b.1 - base).norm()))?;
     let tip = data.body_orientation(body).inverse_transform_vector(&(point - data.body_position(body)));
     Some(Chain { first_joint, tip_body: body, tip })
+}
+
+/// Where a finger begins: the axis of a joint that turns, the middle of the palm for one that slides.
+fn base_of(model: &Model, data: &Data, palm: BodyId, joint: JointId) -> Vector3<f64> {
+    if !model.joint_slides(joint) {
+        return data.joint_anchor(joint);
+    }
+    let own: Vec<Vector3<f64>> =
+        model.geoms().filter(|&g| model.geom_body(g) == palm).map(|g| data.geom_position(g)).collect();
+    if own.is_empty() { data.body_position(palm) } else { own.iter().sum::<Vector3<f64>>() / own.len() as f64 }
 }
 
 /// The hand under examination.
@@ -353,7 +366,8 @@ impl<'a> Lab<'a> {
 
     /// Where a finger's first joint is, in the palm's frame.
     fn base(&self, chain: &Chain) -> Vector3<f64> {
-        self.palm_pose().inverse_transform_point(&self.data.joint_anchor(chain.first_joint).into()).coords
+        let base = base_of(self.model, &self.data, self.palm, chain.first_joint);
+        self.palm_pose().inverse_transform_point(&base.into()).coords
     }
 
     fn random_postures(&mut self, chains: Vec<Chain>) -> Result<Vec<Pose>, SimError> {
@@ -404,6 +418,7 @@ impl<'a> Lab<'a> {
         let starts: Vec<usize> = self.straight.iter().map(|&(_, at)| at).collect();
         for (finger, start) in starts.into_iter().enumerate() {
             let from = poses[start].controls.clone();
+            let side = self.plane(finger, &poses[start].tips[finger]);
             let mut effects = Vec::with_capacity(self.ranges.len());
             for actuator in 0..self.ranges.len() {
                 let (low, high) = self.ranges[actuator];
@@ -412,7 +427,8 @@ impl<'a> Lab<'a> {
                     let mut controls = from.clone();
                     controls[actuator] = (from[actuator] + sign * NUDGE * (high - low)).clamp(low, high);
                     let tip = self.take(&controls)?[finger];
-                    distance[end] = (tip - self.grasp).norm();
+                    let away = tip - self.grasp;
+                    distance[end] = away.dot(&self.approach).hypot(away.dot(&side));
                 }
                 effects.push(distance[0] - distance[1]);
             }
@@ -431,6 +447,17 @@ impl<'a> Lab<'a> {
                 _ => Closing::Neither,
             })
             .collect())
+    }
+
+    /// The direction that, with that of approach, spans the plane in which a finger bends: along the straight finger, or
+    /// for one that points the way the hand approaches, towards the grasp. What leaves the plane spreads fingers.
+    fn plane(&self, finger: usize, tip: &Vector3<f64>) -> Vector3<f64> {
+        const LEAST: f64 = 0.35;
+        let base = self.base(&self.chains[finger]);
+        let across = |v: Vector3<f64>| v - self.approach * v.dot(&self.approach);
+        let along = across((tip - base).try_normalize(1e-9).unwrap_or_else(Vector3::zeros));
+        let towards = across(self.grasp - base);
+        along.try_normalize(LEAST).or_else(|| towards.try_normalize(1e-9)).unwrap_or_else(Vector3::zeros)
     }
 
     /// Controls of the hand closed by a share of each closing actuator's range.

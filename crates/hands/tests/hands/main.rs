@@ -6,6 +6,7 @@
 mod actuation;
 mod broken;
 mod fixture;
+mod import;
 mod model;
 mod mutation;
 mod registry;

@@ -34,7 +34,7 @@ const PIECES: &[&str] = &[
     "9223372036854775808",
 ];
 
-fn mutate(text: &str, edits: &[(usize, usize, usize)]) -> String {
+pub fn mutate(text: &str, edits: &[(usize, usize, usize)]) -> String {
     let mut chars: Vec<char> = text.chars().collect();
     for &(at, length, piece) in edits {
         let start = at % (chars.len() + 1);

@@ -32,6 +32,11 @@ impl Model {
         BodyId(self.ints(self.get().jnt_bodyid, self.get().njnt)[id.0] as usize)
     }
 
+    /// Tells whether a joint moves along an axis, instead of turning.
+    pub fn joint_slides(&self, id: JointId) -> bool {
+        self.ints(self.get().jnt_type, self.get().njnt)[id.0] == mj::mjJNT_SLIDE as i32
+    }
+
     /// Returns the parent of a body; the world is its own.
     pub fn body_parent(&self, id: BodyId) -> BodyId {
         BodyId(self.ints(self.get().body_parentid, self.get().nbody)[id.0] as usize)

@@ -1,0 +1,214 @@
+//! MJCF as makers publish it: what is mended, what is left out, what is refused.
+
+use std::path::PathBuf;
+
+use eigenhand_hands::xmltree::{Element, XMLNode};
+use eigenhand_hands::{HandError, ImportOptions, Imported, import};
+use proptest::prelude::*;
+use tempfile::TempDir;
+
+/// A hand among things that are none, with what is newer than MuJoCo 2.2.2.
+const CROWDED: &str = r#"<mujoco model="crowded">
+  <compiler angle="radian" meshdir="parts"/>
+  <option integrator="implicitfast"><flag nativeccd="disable"/></option>
+  <statistic center="0 0 0"/>
+  <default>
+    <mesh scale="0.5 0.5 0.5"/>
+    <geom contype="2" conaffinity="2"/>
+    <default class="soft"><position kp="4" kv="0.3"/></default>
+  </default>
+  <asset>
+    <mesh file="Tip.obj"/>
+    <texture name="wood" builtin="flat" width="1" height="1"/>
+    <material name="brown" texture="wood" rgba="0.5 0.3 0.1 1"/>
+  </asset>
+  <worldbody>
+    <light pos="0 0 1"/>
+    <geom name="floor" type="plane" size="1 1 1"/>
+    <body name="ball"><freejoint/><geom name="ball_geom" size="0.02"/></body>
+    <body name="pointer" mocap="true"><geom name="pointer_geom" size="0.01"/></body>
+    <body name="base">
+      <geom size="0.03"/>
+      <camera pos="0 0 1"/>
+      <body>
+        <joint range="0 1" damping="0.1"/>
+        <geom type="mesh" mesh="Tip"/>
+        <geom contype="0" conaffinity="0" size="0.01"/>
+      </body>
+    </body>
+  </worldbody>
+  <contact><pair geom1="ball_geom" geom2="floor"/></contact>
+  <actuator>
+    <position class="soft" joint="joint_1"/>
+  </actuator>
+  <sensor><clock/></sensor>
+  <keyframe><key qpos="0"/></keyframe>
+</mujoco>
+"#;
+
+struct Files(TempDir);
+
+impl Files {
+    fn new(text: &str) -> Self {
+        let directory = TempDir::new().unwrap();
+        std::fs::create_dir(directory.path().join("parts")).unwrap();
+        std::fs::write(directory.path().join("parts/Tip.obj"), "v 0 0 0\n").unwrap();
+        std::fs::write(directory.path().join("hand.xml"), text).unwrap();
+        Self(directory)
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.path().join("hand.xml")
+    }
+
+    fn import(&self) -> (Result<Imported, HandError>, String) {
+        let mut notes = Vec::new();
+        let result = import(&self.path(), &ImportOptions::default(), &mut notes);
+        (result, notes.join("\n"))
+    }
+}
+
+fn read(text: &str) -> (Imported, String) {
+    let (result, notes) = Files::new(text).import();
+    (result.unwrap(), notes)
+}
+
+/// The model with joints, an actuator and `extra`, in which one thing is to be looked at.
+fn plain(extra: &str) -> String {
+    format!(
+        r#"<mujoco><compiler angle="radian"/><worldbody><body name="base"><geom size="0.03"/>
+        <body name="finger"><joint name="bend" range="0 1" damping="0.1"/><geom name="pad" size="0.01"/>
+        <site name="end" pos="0 0 0.05"/></body></body></worldbody>
+        <actuator><motor name="drive" joint="bend" gear="2" forcerange="-3 3" forcelimited="true"/></actuator>{extra}</mujoco>"#
+    )
+}
+
+fn all<'a>(element: &'a Element, name: &str, found: &mut Vec<&'a Element>) {
+    for child in element.children.iter().filter_map(XMLNode::as_element) {
+        if child.name == name {
+            found.push(child);
+        }
+        all(child, name, found);
+    }
+}
+
+fn every<'a>(imported: &'a Imported, name: &str) -> Vec<&'a Element> {
+    let mut found = Vec::new();
+    all(&imported.model, name, &mut found);
+    found
+}
+
+fn value<'a>(element: &'a Element, key: &str) -> &'a str {
+    element.attributes.get(key).map_or("", String::as_str)
+}
+
+#[test]
+fn what_is_no_hand_is_left_out() {
+    let (imported, notes) = read(CROWDED);
+    let bodies: Vec<&str> = every(&imported, "body").iter().map(|body| value(body, "name")).collect();
+    assert_eq!(bodies, ["base", "body_1"]);
+    for gone in ["light", "camera", "keyframe", "sensor", "option", "texture", "freejoint", "pair"] {
+        assert!(every(&imported, gone).is_empty(), "{gone}");
+    }
+    for said in ["the floor `floor`", "the free object `ball`", "the mocap body `pointer`", "keyframe, sensor"] {
+        assert!(notes.contains(said), "{said}: {notes}");
+    }
+}
+
+#[test]
+fn what_is_newer_is_mended_and_said() {
+    let (imported, notes) = read(CROWDED);
+    for said in ["implicitfast", "flag nativeccd", "kv or dampratio of 1 servos"] {
+        assert!(notes.contains(said), "{said}: {notes}");
+    }
+    let joint = every(&imported, "joint").into_iter().find(|joint| value(joint, "name") == "joint_1").unwrap();
+    assert_eq!(value(joint, "damping").parse::<f64>().unwrap(), 0.1 + 0.3);
+    assert!(every(&imported, "position").iter().all(|servo| !servo.attributes.contains_key("kv")));
+    assert!(every(&imported, "compiler").iter().any(|compiler| value(compiler, "autolimits") == "true"));
+}
+
+#[test]
+fn geoms_meet_the_object_and_meshes_keep_their_class() {
+    let (imported, notes) = read(CROWDED);
+    assert!(notes.contains("2 geoms would not meet the object"), "{notes}");
+    let bits: Vec<&str> = every(&imported, "geom").iter().map(|geom| value(geom, "contype")).collect();
+    // The class comes first; a geom that touches nothing stays as it is.
+    assert_eq!(bits, ["2", "3", "3", "0"]);
+    let mesh = every(&imported, "mesh").into_iter().find(|mesh| mesh.attributes.contains_key("file")).unwrap();
+    assert_eq!((value(mesh, "name"), value(mesh, "file"), value(mesh, "scale")), ("Tip", "Tip.obj", "0.5 0.5 0.5"));
+    assert_eq!(imported.assets, [("Tip.obj".to_owned(), b"v 0 0 0\n".to_vec())]);
+}
+
+#[test]
+fn a_motor_without_a_control_range_gets_one_from_its_force() {
+    let (imported, notes) = read(&plain(""));
+    assert_eq!(value(every(&imported, "motor")[0], "ctrlrange"), "-1.5 1.5");
+    assert!(notes.contains("without a control range"), "{notes}");
+}
+
+#[test]
+fn a_model_without_actuators_gets_servos_and_damping() {
+    let bare = plain("").replace(" damping=\"0.1\"", "");
+    let start = bare.find("<actuator>").unwrap();
+    let end = bare.find("</actuator>").unwrap() + "</actuator>".len();
+    let (imported, notes) = read(&format!("{}{}", &bare[..start], &bare[end..]));
+    let servo = every(&imported, "position")[0];
+    assert_eq!((value(servo, "joint"), value(servo, "ctrlrange"), value(servo, "forcerange")), ("bend", "0 1", "-1 1"));
+    let joint = every(&imported, "joint")[0];
+    assert!(
+        value(joint, "damping").parse::<f64>().unwrap() > 0.0 && value(joint, "armature").parse::<f64>().unwrap() > 0.0
+    );
+    assert!(notes.contains("no actuators") && notes.contains("no joint has damping"), "{notes}");
+}
+
+#[test]
+fn connections_between_sites_become_connections_between_bodies() {
+    let (imported, _) = read(&plain(r#"<equality><connect site1="end" site2="end"/></equality>"#));
+    let connect = every(&imported, "connect")[0];
+    assert_eq!(
+        (value(connect, "body1"), value(connect, "body2"), value(connect, "anchor")),
+        ("finger", "finger", "0 0 0.05")
+    );
+    assert!(!connect.attributes.contains_key("site1"));
+}
+
+#[test]
+fn parts_in_the_world_are_put_into_one_body() {
+    let text = plain("")
+        .replace("<body name=\"base\"><geom size=\"0.03\"/>", "<geom size=\"0.03\"/>")
+        .replace("</body></body>", "</body>");
+    let (imported, notes) = read(&text);
+    let bodies: Vec<&str> = every(&imported, "body").iter().map(|body| value(body, "name")).collect();
+    assert_eq!(bodies, ["base", "finger"]);
+    assert!(notes.contains("one body `base`"), "{notes}");
+}
+
+#[test]
+fn what_cannot_be_kept_is_refused_with_the_reason() {
+    for (text, said) in [
+        (plain("<extension><plugin plugin=\"mujoco.pid\"/></extension>"), "engine plugins"),
+        (plain("<worldbody><frame pos=\"0 0 1\"/></worldbody>"), "frames"),
+        (plain("<worldbody><replicate count=\"3\"/></worldbody>"), "models made of models"),
+        (plain("").replace("angle=\"radian\"", "coordinate=\"global\""), "local coordinates"),
+        (plain("<asset><mesh file=\"absent.stl\"/></asset>"), "absent.stl does not exist"),
+        ("<model/>".to_owned(), "<mujoco> (MJCF) or <robot> (URDF)"),
+        (String::new(), "no element"),
+    ] {
+        let files = Files::new(&text);
+        let (result, _) = files.import();
+        let message = result.unwrap_err().to_string();
+        assert!(message.contains(said) && message.contains("hand.xml"), "{said}: {message}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn damaged_files_never_panic(
+        edits in prop::collection::vec((any::<usize>(), 0..20_usize, any::<usize>()), 1..6),
+    ) {
+        let files = Files::new(&crate::mutation::mutate(CROWDED, &edits));
+        let _ = files.import();
+    }
+}

@@ -1,0 +1,113 @@
+//! `hands new`: a hand nobody has described is made out, written and keeps the contract.
+
+use std::path::{Path, PathBuf};
+
+use eigenhand_sim::survey::Hints;
+use eigenhand_train::{Hand, ImportOptions, NewHand, NewHandReport, TrainError, check_hand, new_hand};
+use tempfile::TempDir;
+
+use crate::gripper::GRIPPER_MODEL;
+use crate::support::{mujoco, workspace};
+
+fn request(source: &Path, directory: PathBuf) -> NewHand {
+    NewHand {
+        name: "found".to_owned(),
+        source: source.to_owned(),
+        directory,
+        options: ImportOptions::default(),
+        hints: Hints::default(),
+    }
+}
+
+/// Makes the hand and holds it to the contract.
+fn made(source: &Path, change: impl Fn(&mut NewHand)) -> (NewHandReport, Hand) {
+    let place = TempDir::new().unwrap();
+    let mut request = request(source, place.path().join("found"));
+    change(&mut request);
+    let report = new_hand(&request, &mujoco(), &mut Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+    let hand = Hand::load(&report.directory).unwrap_or_else(|error| panic!("{error}"));
+    let contract = check_hand(&hand, &mujoco()).unwrap();
+    assert!(contract.passed(), "{}: {contract:#?}", source.display());
+    (report, hand)
+}
+
+fn file(directory: &TempDir, text: &str) -> PathBuf {
+    let path = directory.path().join("hand.xml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+/// A gripper whose approach is along its own -z and whose pads close by their one actuator.
+#[test]
+fn a_gripper_is_made_out() {
+    let place = TempDir::new().unwrap();
+    let source = file(&place, GRIPPER_MODEL);
+    let (report, hand) = made(&source, |_| {});
+    assert_eq!((report.palm.as_str(), report.fingertips.len()), ("bridge", 2));
+    assert_eq!(report.close_up, ["close"]);
+    assert_eq!(report.approach, [0.0, 0.0, -1.0]);
+    // Approaching along -z, it hangs as it was drawn.
+    assert!(hand.manifest.mount.pose().rotation.angle() % std::f64::consts::PI < 1e-6);
+    // The owner's word is taken, whatever it does.
+    let mut turned = request(&source, place.path().join("turned"));
+    turned.hints.approach = Some([0.0, 0.0, 1.0]);
+    let report = new_hand(&turned, &mujoco(), &mut Vec::new()).unwrap();
+    let down = Hand::load(&report.directory).unwrap().manifest.mount.pose().rotation * nalgebra::Vector3::z();
+    assert!(down.z < -0.999, "{down}");
+}
+
+/// The file of the workspace's own hand, without what its manifest says.
+#[test]
+fn the_hand_of_the_workspace_is_made_out_from_its_file_alone() {
+    let described = Hand::load(workspace().join("plugins/shadow")).unwrap();
+    let (report, hand) = made(&described.directory.join(&described.manifest.model), |_| {});
+    assert_eq!(report.palm, described.manifest.palm);
+    assert_eq!(report.fingertips.len(), described.fingertips.len());
+    assert_eq!(hand.posture.len(), described.posture.len());
+    assert!((report.object_scale - 1.0).abs() < 1e-9, "{}", report.object_scale);
+    // The palm faces down as the manifest's author has it: the turn between the two is about the vertical.
+    let between = hand.manifest.mount.pose().rotation * described.manifest.mount.pose().rotation.inverse();
+    let vertical = between * nalgebra::Vector3::z();
+    assert!(vertical.z > 0.999, "{vertical}");
+}
+
+#[test]
+fn nothing_is_left_behind_by_a_hand_that_fails() {
+    let place = TempDir::new().unwrap();
+    let source =
+        file(&place, "<mujoco><worldbody><body name=\"stone\"><geom size=\"0.1\"/></body></worldbody></mujoco>");
+    let library = mujoco();
+    let mut notes = Vec::new();
+    new_hand(&request(&source, place.path().join("found")), &library, &mut notes).unwrap_err();
+    let left: Vec<_> = std::fs::read_dir(place.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["hand.xml"]);
+
+    let source = file(&place, GRIPPER_MODEL);
+    let occupied = new_hand(&request(&source, place.path().to_owned()), &library, &mut notes).unwrap_err();
+    assert!(matches!(occupied, TrainError::HandExists { .. }), "{occupied}");
+    let mut named = request(&source, place.path().join("found"));
+    named.name = "Not A Name".to_owned();
+    assert!(matches!(new_hand(&named, &library, &mut notes).unwrap_err(), TrainError::HandName { .. }));
+    let mut lost = request(&source, place.path().join("found"));
+    lost.hints.palm = Some("bridg".to_owned());
+    let message = new_hand(&lost, &library, &mut notes).unwrap_err().to_string();
+    assert!(message.contains("bridg"), "{message}");
+}
+
+/// Hands as their makers publish them, where the directory of them is there.
+#[test]
+fn published_hands_keep_the_contract() {
+    let corpus = std::env::var_os("EIGENHAND_HANDS_CORPUS")
+        .map_or_else(|| workspace().join("../shared/hands-corpus"), PathBuf::from);
+    let Ok(index) = std::fs::read_to_string(corpus.join("INDEX.tsv")) else {
+        eprintln!("skipped: no published hands at {}; EIGENHAND_HANDS_CORPUS names them", corpus.display());
+        return;
+    };
+    for row in index.lines().skip(1) {
+        let mut columns = row.split('\t');
+        let (Some(hand), Some(entry)) = (columns.next(), columns.next()) else { continue };
+        let (report, _) = made(&corpus.join(hand).join(entry), |_| {});
+        let fingers: usize = columns.nth(3).and_then(|count| count.parse().ok()).unwrap();
+        assert_eq!(report.fingertips.len(), fingers, "{hand} {entry}");
+    }
+}
