@@ -5,6 +5,7 @@
 
 mod actuation;
 mod broken;
+mod compiled;
 mod fixture;
 mod model;
 mod mutation;
