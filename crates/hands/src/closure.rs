@@ -259,21 +259,26 @@ impl Files {
     }
 
     fn finish(self) -> (Vec<PathBuf>, String) {
-        let mut hash = Sha256::new();
-        for (path, bytes) in &self.contents {
-            let name = path.to_string_lossy();
-            // Lengths keep a byte from moving between a name, its file and the next one unnoticed.
-            hash.update((name.len() as u64).to_le_bytes());
-            hash.update(name.as_bytes());
-            hash.update((bytes.len() as u64).to_le_bytes());
-            hash.update(bytes);
-        }
-        let digest = hash.finalize().iter().fold(String::new(), |mut text, byte| {
-            let _ = write!(text, "{byte:02x}");
-            text
-        });
+        let digest = digest(&self.contents);
         (self.contents.into_keys().collect(), digest)
     }
+}
+
+/// Returns the SHA-256 over names and contents of files, in hexadecimal.
+pub(crate) fn digest(files: &BTreeMap<PathBuf, Vec<u8>>) -> String {
+    let mut hash = Sha256::new();
+    for (path, bytes) in files {
+        let name = path.to_string_lossy();
+        // Lengths keep a byte from moving between a name, its file and the next one unnoticed.
+        hash.update((name.len() as u64).to_le_bytes());
+        hash.update(name.as_bytes());
+        hash.update((bytes.len() as u64).to_le_bytes());
+        hash.update(bytes);
+    }
+    hash.finalize().iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }
 
 fn stays_inside(relative: &Path) -> bool {

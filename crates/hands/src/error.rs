@@ -148,6 +148,80 @@ pub enum HandError {
         /// The directories that were searched.
         searched: Vec<String>,
     },
+    /// A directory holds both a hand and a compiled plugin.
+    #[error("{}: holds both {first} and {second}; a hand is either written or generated, so remove one", path.display())]
+    TwoManifests {
+        /// The directory.
+        path: PathBuf,
+        /// File name of a written hand's manifest.
+        first: &'static str,
+        /// File name of a generated hand's sidecar.
+        second: &'static str,
+    },
+    /// The library of a compiled plugin is not there.
+    #[error(
+        "{}: `library`: no {expected} was found; {}; looked in: {}",
+        file.display(),
+        build.as_ref().map_or("put the library beside this file".to_owned(), |build| format!("build it with `{build}`")),
+        searched.join(", ")
+    )]
+    MissingLibrary {
+        /// The sidecar.
+        file: PathBuf,
+        /// The file that was looked for.
+        expected: String,
+        /// The command that builds it.
+        build: Option<String>,
+        /// The directories that were searched.
+        searched: Vec<String>,
+    },
+    /// The library of a compiled plugin is damaged, or none for this machine.
+    #[error("{}: not a library that can be opened: {message}; build it anew for this machine", file.display())]
+    DamagedLibrary {
+        /// The library.
+        file: PathBuf,
+        /// What is wrong with it.
+        message: String,
+    },
+    /// A compiled plugin was built for another version of the plugin interface.
+    #[error("{}: built for version {got} of the plugin interface, expected {expected}; build the plugin with the interface of this program", file.display())]
+    PluginVersion {
+        /// The sidecar or the library.
+        file: PathBuf,
+        /// This program's version.
+        expected: String,
+        /// The plugin's version.
+        got: String,
+    },
+    /// A compiled plugin does not keep to the plugin interface.
+    #[error("{}: {place}: expected {expected}, got {got}; this is a defect of the plugin", file.display())]
+    Plugin {
+        /// The library.
+        file: PathBuf,
+        /// The function or field.
+        place: String,
+        /// What is expected there.
+        expected: String,
+        /// What is there.
+        got: String,
+    },
+    /// A compiled plugin generated no hand.
+    #[error("{}: the plugin generated no hand from its options: {message}", file.display())]
+    PluginRefused {
+        /// The library.
+        file: PathBuf,
+        /// The plugin's reason.
+        message: String,
+    },
+    /// What a compiled plugin generated is not a sound hand.
+    #[error("{}: the generated hand is broken: {source}", file.display())]
+    Generated {
+        /// The sidecar.
+        file: PathBuf,
+        /// What is wrong with the generated files.
+        #[source]
+        source: Box<HandError>,
+    },
     /// A directory that was named as a place of plugins does not exist.
     #[error("{}: named by {origin} as a place of plugins, but it is no directory", path.display())]
     NoPluginDirectory {
@@ -177,6 +251,15 @@ impl HandError {
         Self::Model {
             file: file.to_path_buf(),
             place: place.into(),
+            expected: expected.to_owned(),
+            got: got.to_string(),
+        }
+    }
+
+    pub(crate) fn plugin(library: &Path, place: &str, expected: &str, got: impl ToString) -> Self {
+        Self::Plugin {
+            file: library.to_path_buf(),
+            place: place.to_owned(),
             expected: expected.to_owned(),
             got: got.to_string(),
         }

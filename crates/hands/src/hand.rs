@@ -26,7 +26,7 @@ pub struct Hand {
     pub compiler: Compiler,
     /// Folder that the model's asset paths are relative to, before `meshdir` and `texturedir`.
     pub model_directory: PathBuf,
-    /// Every file that makes the hand, relative to its directory.
+    /// Every file that makes the hand, relative to its directory; a compiled plugin's sidecar and the files it generates.
     pub files: Vec<PathBuf>,
     /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal.
     pub digest: String,
@@ -177,7 +177,8 @@ pub struct Fingertip {
 }
 
 impl Hand {
-    /// Reads and checks the hand in `directory`.
+    /// Reads and checks the hand in `directory`, which holds a manifest. A compiled plugin is loaded by
+    /// [`Registry::get`](crate::Registry::get) alone, which knows where the user allowed libraries.
     ///
     /// # Errors
     /// Names the file, the key and what is expected there: see [`HandError`].

@@ -2,11 +2,13 @@
 //!
 //! A hand is a directory with a `hand.toml` ([`HandManifest`]) and a MuJoCo model that loads by itself. [`Hand::load`]
 //! reads both, resolves every name and range, and computes the digest of all files that make the hand what it is.
-//! [`Registry`] finds such directories. Nothing here needs MuJoCo, and nothing here knows any particular hand.
-#![forbid(unsafe_code)]
+//! [`Registry`] finds such directories, and those of compiled plugins, whose libraries generate a hand's files. Nothing here
+//! needs MuJoCo, and nothing here knows any particular hand.
+#![deny(unsafe_code)]
 
 mod actuation;
 mod closure;
+mod compiled;
 mod error;
 mod hand;
 mod import;
@@ -20,6 +22,7 @@ mod servo;
 mod summary;
 
 pub use actuation::Actuation;
+pub use compiled::{SIDECAR_FILE, SIDECAR_KEYS};
 pub use error::HandError;
 pub use hand::{Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
 pub use import::{ImportOptions, Imported, import};

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::compiled::{self, SIDECAR_FILE};
 use crate::error::{HandError, nearest};
 use crate::hand::Hand;
 use crate::manifest::MANIFEST_FILE;
@@ -149,9 +150,9 @@ impl Registry {
             Some(RegistryEntry { hand: Err(HandError::DuplicateHand { name, first, second }), .. }) => {
                 Err(HandError::DuplicateHand { name: name.clone(), first: first.clone(), second: second.clone() })
             }
-            Some(entry) => Hand::load(&entry.directory),
-            None if name.contains(std::path::MAIN_SEPARATOR) || Path::new(name).join(MANIFEST_FILE).is_file() => {
-                Hand::load(name)
+            Some(entry) => compiled::load_either(&entry.directory),
+            None if name.contains(std::path::MAIN_SEPARATOR) || compiled::holds_hand(Path::new(name)) => {
+                compiled::load_either(Path::new(name))
             }
             None => Err(HandError::UnknownHand {
                 got: name.to_owned(),
@@ -179,13 +180,13 @@ impl Registry {
 }
 
 fn plugin_directories(place: &Path) -> Result<Vec<PathBuf>, HandError> {
-    if place.join(MANIFEST_FILE).is_file() {
+    if compiled::holds_hand(place) {
         return Ok(vec![place.to_path_buf()]);
     }
     let mut found = Vec::new();
     for entry in std::fs::read_dir(place).map_err(HandError::io(place))? {
         let path = entry.map_err(HandError::io(place))?.path();
-        if path.join(MANIFEST_FILE).is_file() {
+        if compiled::holds_hand(&path) {
             found.push(path);
         }
     }
@@ -194,7 +195,7 @@ fn plugin_directories(place: &Path) -> Result<Vec<PathBuf>, HandError> {
 }
 
 fn read_entry(directory: PathBuf) -> RegistryEntry {
-    let hand = Hand::load(&directory);
+    let hand = compiled::load_either(&directory);
     let name = match &hand {
         Ok(hand) => hand.manifest.name.clone(),
         Err(_) => written_name(&directory),
@@ -204,8 +205,10 @@ fn read_entry(directory: PathBuf) -> RegistryEntry {
 
 /// Returns the name of a hand that is broken, as far as it can be told.
 fn written_name(directory: &Path) -> String {
-    let table: Option<toml::Table> =
-        std::fs::read_to_string(directory.join(MANIFEST_FILE)).ok().and_then(|text| toml::from_str(&text).ok());
-    let name = table.as_ref().and_then(|t| t.get("name")).and_then(toml::Value::as_str).map(str::to_owned);
+    let name_in = |file: &&str| {
+        let table: toml::Table = toml::from_str(&std::fs::read_to_string(directory.join(file)).ok()?).ok()?;
+        table.get("name").and_then(toml::Value::as_str).map(str::to_owned)
+    };
+    let name = [MANIFEST_FILE, SIDECAR_FILE].iter().find_map(name_in);
     name.unwrap_or_else(|| directory.file_name().unwrap_or_default().to_string_lossy().into_owned())
 }

@@ -5,6 +5,7 @@
 
 mod actuation;
 mod broken;
+mod compiled;
 mod fixture;
 mod import;
 mod model;

@@ -1,0 +1,231 @@
+//! The conversation with a plugin's library: the only unsafe code of this crate.
+//!
+//! A library is code that the user chose to run, and can do what a program can. What it *says* is not believed: versions,
+//! sizes, counts and lengths are bounded, null is expected everywhere, and where the system offers it, memory that a
+//! plugin points to is read through the kernel, so that a wrong address is an error and no crash.
+#![allow(unsafe_code)]
+
+use std::ffi::OsStr;
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use eigenhand_hand_abi::{Bytes, Generated, HandPlugin, Header, MAGIC, STATUS_OK, SYMBOL, Status};
+use libloading::Library;
+
+use super::sidecar::check_version;
+use super::{MAX_FILES, MAX_MESSAGE, MAX_NAME, MAX_TOTAL};
+use crate::error::HandError;
+
+/// A plugin is promised one call at a time.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// Name and content of a file, as the plugin gave them.
+type RawFile = (Vec<u8>, Vec<u8>);
+
+/// Opens `library`, an absolute path, and copies out what it generates from `options`.
+pub(super) fn generate(library: &Path, options: &str) -> Result<Vec<RawFile>, HandError> {
+    let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    let functions = Functions::of(open(library)?, library)?;
+    let mut hand: *mut Generated = std::ptr::null_mut();
+    // SAFETY: the function is of a table whose version was checked; the options live through the call.
+    let status = unsafe { (functions.generate)(options.as_ptr(), options.len(), &raw mut hand) };
+    let copied = if status == STATUS_OK { functions.files(hand) } else { Err(functions.refusal(hand, status)) };
+    if !hand.is_null() {
+        // SAFETY: the plugin gave this pointer to be freed once, and everything of it was copied.
+        unsafe { (functions.free)(hand) };
+    }
+    copied
+}
+
+/// Returns the table of a library, which stays open until the process ends: threads and destructors of a plugin may
+/// outlive the calls.
+fn open(library: &Path) -> Result<HandPlugin, HandError> {
+    let refused = |message: String| HandError::DamagedLibrary { file: library.to_path_buf(), message };
+    // SAFETY: this runs the initialisers of a library that lies in a plugin directory which the user named.
+    let opened = unsafe { open_now(library.as_os_str()) }.map_err(|error| refused(reason(&error)))?;
+    let opened = std::mem::ManuallyDrop::new(opened);
+    // SAFETY: the symbol is only an address here.
+    let address = unsafe { opened.get::<*const HandPlugin>(SYMBOL) }
+        .map(|symbol| *symbol)
+        .ok()
+        .filter(|address| !address.is_null())
+        .ok_or_else(|| HandError::plugin(library, "the library", &format!("a symbol `{SYMBOL}`"), "none"))?;
+    // SAFETY: the linker put an object of the plugin there, of which only the part that no version changes is read.
+    let header = unsafe { address.cast::<Header>().read_unaligned() };
+    check_header(header, library)?;
+    // SAFETY: the plugin says that it has a table of this version and at least this size.
+    Ok(unsafe { address.read_unaligned() })
+}
+
+/// Opens a library with all that it needs: a function that is nowhere to be found is an error now, and would end the
+/// process when it is called.
+#[cfg(unix)]
+unsafe fn open_now(library: &OsStr) -> Result<Library, libloading::Error> {
+    use libloading::os::unix::{Library as System, RTLD_LOCAL, RTLD_NOW};
+    // SAFETY: as the caller says of the library's initialisers.
+    unsafe { System::open(Some(library), RTLD_NOW | RTLD_LOCAL) }.map(Library::from)
+}
+
+#[cfg(not(unix))]
+unsafe fn open_now(library: &OsStr) -> Result<Library, libloading::Error> {
+    // SAFETY: as the caller says of the library's initialisers.
+    unsafe { Library::new(library) }
+}
+
+fn check_header(header: Header, library: &Path) -> Result<(), HandError> {
+    if header.magic != MAGIC {
+        let got = format!("{:#010x}", header.magic);
+        return Err(HandError::plugin(library, "magic", &format!("{MAGIC:#010x}, the mark of a hand plugin"), got));
+    }
+    check_version(header.abi_major, header.abi_minor, library)?;
+    if (header.struct_size as usize) < size_of::<HandPlugin>() {
+        let expected = format!("at least {} bytes, the table of its version", size_of::<HandPlugin>());
+        return Err(HandError::plugin(library, "struct_size", &expected, format!("{} bytes", header.struct_size)));
+    }
+    Ok(())
+}
+
+/// Returns what the loader said; the library's error has it as its source.
+fn reason(error: &libloading::Error) -> String {
+    std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string)
+}
+
+type Generate = unsafe extern "C" fn(*const u8, usize, *mut *mut Generated) -> Status;
+type FileCount = unsafe extern "C" fn(*const Generated, *mut usize) -> Status;
+type GetFile = unsafe extern "C" fn(*const Generated, usize, *mut Bytes, *mut Bytes) -> Status;
+type ErrorMessage = unsafe extern "C" fn(*const Generated, *mut Bytes) -> Status;
+type Free = unsafe extern "C" fn(*mut Generated);
+
+/// The functions of a table, none of them null.
+struct Functions<'a> {
+    library: &'a Path,
+    memory: Memory,
+    generate: Generate,
+    file_count: FileCount,
+    file: GetFile,
+    error_message: ErrorMessage,
+    free: Free,
+}
+
+impl<'a> Functions<'a> {
+    fn of(table: HandPlugin, library: &'a Path) -> Result<Self, HandError> {
+        let missing = |name: &'static str| move || HandError::plugin(library, name, "a function", "null");
+        Ok(Self {
+            library,
+            memory: Memory::open(),
+            generate: table.generate.ok_or_else(missing("generate"))?,
+            file_count: table.file_count.ok_or_else(missing("file_count"))?,
+            file: table.file.ok_or_else(missing("file"))?,
+            error_message: table.error_message.ok_or_else(missing("error_message"))?,
+            free: table.free.ok_or_else(missing("free"))?,
+        })
+    }
+
+    /// Copies the files of a hand that `generate` made.
+    fn files(&self, hand: *const Generated) -> Result<Vec<RawFile>, HandError> {
+        if hand.is_null() {
+            return Err(self.wrong("generate", "a hand", "null"));
+        }
+        let mut n_files = 0;
+        // SAFETY: the hand comes from a `generate` that succeeded and is not freed yet.
+        self.succeeded("file_count", unsafe { (self.file_count)(hand, &raw mut n_files) })?;
+        if n_files > MAX_FILES {
+            return Err(self.wrong("file_count", &format!("at most {MAX_FILES} files"), n_files));
+        }
+        let mut left = MAX_TOTAL;
+        let mut files = Vec::with_capacity(n_files);
+        for index in 0..n_files {
+            let (mut name, mut content) = (Bytes::NONE, Bytes::NONE);
+            // SAFETY: as above, and the index is smaller than the number of files.
+            let status = unsafe { (self.file)(hand, index, &raw mut name, &raw mut content) };
+            self.succeeded("file", status)?;
+            let name = self.copy("file", "a name", name, MAX_NAME)?;
+            let content = self.copy("file", "files of together", content, left)?;
+            left -= content.len();
+            files.push((name, content));
+        }
+        Ok(files)
+    }
+
+    /// Returns the reason that the plugin gives for a `generate` that failed.
+    fn refusal(&self, hand: *const Generated, status: Status) -> HandError {
+        let message = self.message(hand).filter(|message| !message.is_empty());
+        HandError::PluginRefused {
+            file: self.library.to_path_buf(),
+            message: message.unwrap_or_else(|| format!("status {status} without a message")),
+        }
+    }
+
+    fn message(&self, hand: *const Generated) -> Option<String> {
+        let mut bytes = Bytes::NONE;
+        // SAFETY: the hand comes from a `generate` that failed and is not freed yet.
+        let told = !hand.is_null() && unsafe { (self.error_message)(hand, &raw mut bytes) } == STATUS_OK;
+        let text = told.then(|| self.copy("error_message", "a message", bytes, MAX_MESSAGE))?;
+        Some(match text {
+            Ok(text) => String::from_utf8_lossy(&text).trim().to_owned(),
+            Err(error) => error.to_string(),
+        })
+    }
+
+    fn succeeded(&self, call: &str, status: Status) -> Result<(), HandError> {
+        if status == STATUS_OK { Ok(()) } else { Err(self.wrong(call, "status 0", format!("status {status}"))) }
+    }
+
+    /// Copies bytes out, of which there are `limit` at most.
+    fn copy(&self, call: &str, what: &str, bytes: Bytes, limit: usize) -> Result<Vec<u8>, HandError> {
+        match bytes {
+            Bytes { len: 0, .. } => Ok(Vec::new()),
+            Bytes { len, .. } if len > limit => {
+                Err(self.wrong(call, &format!("{what} at most {limit} bytes"), format!("{len} bytes")))
+            }
+            Bytes { data, .. } if data.is_null() => Err(self.wrong(call, what, "null")),
+            // SAFETY: the plugin says that so many bytes are there until the hand is freed.
+            bytes => unsafe { self.memory.read(bytes) }
+                .ok_or_else(|| self.wrong(call, what, "an address at which there is no memory")),
+        }
+    }
+
+    fn wrong(&self, place: &str, expected: &str, got: impl ToString) -> HandError {
+        HandError::plugin(self.library, place, expected, got)
+    }
+}
+
+/// Reads memory of this process: where the system has a file of it, through that file, which answers an address without
+/// memory with an error.
+struct Memory {
+    #[cfg(unix)]
+    file: Option<std::fs::File>,
+}
+
+impl Memory {
+    #[cfg(unix)]
+    fn open() -> Self {
+        use std::os::unix::fs::FileExt;
+        let known = *b"readable";
+        let works = |file: &std::fs::File| {
+            let mut read = [0; 8];
+            file.read_exact_at(&mut read, known.as_ptr() as u64).is_ok() && read == known
+        };
+        Self { file: std::fs::File::open("/proc/self/mem").ok().filter(works) }
+    }
+
+    #[cfg(not(unix))]
+    fn open() -> Self {
+        Self {}
+    }
+
+    /// Copies bytes, or returns none where there is no memory.
+    ///
+    /// # Safety
+    /// Where the system has no file of the process's memory, the bytes must be readable.
+    unsafe fn read(&self, bytes: Bytes) -> Option<Vec<u8>> {
+        #[cfg(unix)]
+        if let Some(file) = &self.file {
+            use std::os::unix::fs::FileExt;
+            let mut copy = vec![0; bytes.len];
+            return file.read_exact_at(&mut copy, bytes.data as u64).ok().map(|()| copy);
+        }
+        // SAFETY: as the caller says.
+        Some(unsafe { std::slice::from_raw_parts(bytes.data, bytes.len) }.to_vec())
+    }
+}
