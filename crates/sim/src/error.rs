@@ -109,6 +109,17 @@ pub enum SimError {
         /// What does not fit, and what to change.
         reason: String,
     },
+    /// A picture cannot be encoded.
+    #[error("cannot encode a picture of {width} x {height} pixels as PNG")]
+    Picture {
+        /// Its width.
+        width: usize,
+        /// Its height.
+        height: usize,
+        /// What the encoder says.
+        #[source]
+        source: png::EncodingError,
+    },
     /// The simulation produced values that are not finite or too large.
     #[error("the simulation diverged at step {step} of the episode")]
     Diverged {

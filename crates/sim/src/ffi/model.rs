@@ -56,7 +56,7 @@ impl Model {
         Ok(Model { library: Arc::clone(library), raw })
     }
 
-    fn get(&self) -> &mjModel {
+    pub(super) fn get(&self) -> &mjModel {
         // SAFETY: `raw` is a valid model for as long as `self` lives, and nothing writes to it.
         unsafe { self.raw.as_ref() }
     }
@@ -230,12 +230,12 @@ impl Model {
         }
     }
 
-    fn numbers(&self, first: *const f64, count: i32) -> &[f64] {
+    pub(super) fn numbers(&self, first: *const f64, count: i32) -> &[f64] {
         // SAFETY: callers pass an array of this model with its own length.
         unsafe { slice_of(first, count) }
     }
 
-    fn ints(&self, first: *const i32, count: i32) -> &[i32] {
+    pub(super) fn ints(&self, first: *const i32, count: i32) -> &[i32] {
         // SAFETY: callers pass an array of this model with its own length.
         unsafe { slice_of(first, count) }
     }
