@@ -1,6 +1,6 @@
 //! Pictures of a simulation, drawn by the processor: no display, no graphics card and no graphics library is needed.
 //!
-//! Geoms are drawn opaque, with a light that does not depend on the model's, on planes that have squares and take
+//! Geoms are drawn opaque, lit from beside the camera whatever lights the model has, on planes that have squares and take
 //! shadows. Height fields, textures and skins are not drawn.
 
 mod picture;
@@ -21,8 +21,8 @@ const SUPERSAMPLING: usize = 2;
 const NEAR: f64 = 0.01;
 /// Highest group that is drawn, as in MuJoCo's viewer.
 const LAST_GROUP: i32 = 2;
-/// Where the light comes from in the world.
-const LIGHT: Vector3<f64> = Vector3::new(-0.35, -0.5, 1.0);
+/// Where the light comes from, in the camera's frame: from behind it, above and to the left.
+const LIGHT: Vector3<f64> = Vector3::new(-0.5, 0.8, -0.8);
 /// Shares of a colour that are seen anyway, where the light falls straight on it, and where the camera looks straight at it.
 const AMBIENT: f64 = 0.35;
 const DIFFUSE: f64 = 0.5;
@@ -171,8 +171,13 @@ impl<'a> Canvas<'a> {
         self.axes * (point - self.eye)
     }
 
+    /// The direction to the light in the world.
+    fn light(&self) -> Vector3<f64> {
+        self.axes.transpose() * LIGHT.normalize()
+    }
+
     fn draw_surface(&mut self, colour: [f32; 4], triangles: &[shapes::Triangle]) {
-        let light = LIGHT.normalize();
+        let light = self.light();
         for triangle in triangles {
             let corners = triangle.map(|point| (self.seen(&point.position), point.normal));
             let Canvas { lens, depth, colour: painted, axes, .. } = self;
@@ -214,7 +219,7 @@ impl<'a> Canvas<'a> {
         let colour = self.data.model().geom_colour(plane);
         let eye = turn.transpose() * (self.eye - origin);
         let looks = turn.transpose() * self.axes.transpose();
-        let light = LIGHT.normalize().dot(&turn.column(2)).max(0.0);
+        let light = self.light().dot(&turn.column(2)).max(0.0);
         let square = square_size(self.camera.distance);
         let inside = |x: f64, half: f64| half <= 0.0 || x.abs() <= half;
         for sample in 0..self.depth.len() {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::ffi::{Data, GeomId, GeomShape};
 
@@ -71,7 +71,7 @@ fn ellipsoid(half: [f64; 3]) -> Vec<Triangle> {
     let point = |unit: Vector3<f64>| SurfacePoint {
         position: unit.component_mul(&half),
         // The gradient of the ellipsoid's equation.
-        normal: Matrix3::from_diagonal(&half).try_inverse().map_or(unit, |inverse| inverse * unit),
+        normal: unit.component_div(&half),
     };
     let all: Vec<_> = (0..=2 * RINGS).map(|i| ring(point, PI * i as f64 / (2 * RINGS) as f64)).collect();
     rows(&all)
