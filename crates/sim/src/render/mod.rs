@@ -22,7 +22,7 @@ const NEAR: f64 = 0.01;
 /// Highest group that is drawn, as in MuJoCo's viewer.
 const LAST_GROUP: i32 = 2;
 /// Where the light comes from, in the camera's frame: from behind it, above and to the left.
-const LIGHT: Vector3<f64> = Vector3::new(-0.5, 0.8, -0.8);
+const LIGHT: Vector3<f64> = Vector3::new(-0.6, 1.0, -0.5);
 /// Shares of a colour that are seen anyway, where the light falls straight on it, and where the camera looks straight at it.
 const AMBIENT: f64 = 0.35;
 const DIFFUSE: f64 = 0.5;
@@ -222,7 +222,7 @@ impl<'a> Canvas<'a> {
         let light = self.light().dot(&turn.column(2)).max(0.0);
         let square = square_size(self.camera.distance);
         let inside = |x: f64, half: f64| half <= 0.0 || x.abs() <= half;
-        for sample in 0..self.depth.len() {
+        for (sample, height) in heights.iter().enumerate() {
             let ray = looks * self.lens.ray(sample % self.lens.width, sample / self.lens.width);
             let depth = -eye.z / ray.z;
             // Seen from above and before whatever was drawn there; a ray along the plane gives no number.
@@ -235,7 +235,7 @@ impl<'a> Canvas<'a> {
             }
             let odd = ((at.x / square).floor() + (at.y / square).floor()).rem_euclid(2.0) == 1.0;
             let tone = if odd { 1.0 - SQUARE_CONTRAST } else { 1.0 + SQUARE_CONTRAST };
-            let dark = SHADOW * (-heights[sample] / (SHADOW_HEIGHT * self.camera.distance)).exp();
+            let dark = SHADOW * (-height / (SHADOW_HEIGHT * self.camera.distance)).exp();
             let facing = eye.z / (depth * ray.norm());
             let shade = tone * (1.0 - dark) * (AMBIENT + DIFFUSE * light + HEADLIGHT * facing);
             let fade = ((depth / self.camera.distance - FADE[0]) / (FADE[1] - FADE[0])).clamp(0.0, 1.0);
