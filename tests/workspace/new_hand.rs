@@ -26,7 +26,7 @@ fn made(source: &Path, change: impl Fn(&mut NewHand)) -> (NewHandReport, Hand) {
     change(&mut request);
     let report = new_hand(&request, &mujoco(), &mut Vec::new()).unwrap_or_else(|error| panic!("{error}"));
     let hand = Hand::load(&report.directory).unwrap_or_else(|error| panic!("{error}"));
-    let contract = check_hand(&hand, &mujoco()).unwrap();
+    let contract = check_hand(&hand, &mujoco(), None).unwrap().report;
     assert!(contract.passed(), "{}: {contract:#?}", source.display());
     (report, hand)
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Subcommand;
 use eigenhand_train::{
     ContractReport, HandSummary, Hints, ImportOptions, MuJoCo, NewHand, RegistryEntry, Transmission, check_hand,
-    describe_new_hand, hand_named, new_hand, registry,
+    default_picture, describe_new_hand, hand_named, new_hand, registry,
 };
 use serde::Serialize;
 
@@ -29,10 +29,9 @@ enum Command {
     /// Shows a hand's joints, actuators and settings, and where each setting comes from
     #[command(after_help = "Example:\n  cargo xtask hands show shadow")]
     Show(NamedArgs),
-    /// Runs the hand contract: what a hand must do in the simulator before it is worth training
-    #[command(
-        after_help = "Examples:\n  cargo xtask hands check shadow\n  cargo xtask hands check ../my-hands/gripper"
-    )]
+    /// Runs the hand contract: what a hand must do in the simulator before it is worth training, and draws the hand
+    #[command(after_help = "Examples:\n  cargo xtask hands check shadow\n  \
+                            cargo xtask hands check ../my-hands/gripper --picture gripper.png")]
     Check(CheckArgs),
     /// Makes a hand's directory from its model file, MJCF or URDF
     #[command(
@@ -66,6 +65,12 @@ struct NamedArgs {
 struct CheckArgs {
     #[command(flatten)]
     named: NamedArgs,
+    /// PNG file of the hand above the table with each object [default: runs/hands/<name>.png]
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PathBuf>,
+    /// Draws nothing
+    #[arg(long, conflicts_with = "picture")]
+    no_picture: bool,
     #[command(flatten)]
     install: setup::InstallArgs,
 }
@@ -270,13 +275,15 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     let NamedArgs { name, common } = &args.named;
     let hand = hand_named(name, &common.plugins)?;
     let library = setup::with_mujoco(&args.install, || Ok(MuJoCo::load()?))?;
-    let report = check_hand(&hand, &library)?;
+    let picture = args.picture.clone().unwrap_or_else(|| default_picture(&hand));
+    let found = check_hand(&hand, &library, (!args.no_picture).then_some(picture.as_path()))?;
     if common.json {
-        print_json(&report)?;
+        print_json(&found)?;
     } else {
-        print(&describe(&report))?;
+        let picture = found.picture.iter().map(|file| format!("picture {}\n", file.display()));
+        print(&(describe(&found.report) + &picture.collect::<String>()))?;
     }
-    Ok(if report.passed() { Outcome::Done } else { Outcome::Failed })
+    Ok(if found.report.passed() { Outcome::Done } else { Outcome::Failed })
 }
 
 fn new(args: &NewArgs) -> anyhow::Result<Outcome> {

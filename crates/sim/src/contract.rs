@@ -2,6 +2,8 @@
 //!
 //! Nothing here names a hand, a joint or a count: everything is read from the hand and from its compiled scenes.
 
+mod pictures;
+
 use std::sync::Arc;
 
 use eigenhand_hands::{FrameKind, Hand, Transmission};
@@ -13,6 +15,8 @@ use crate::ffi::{Data, GeomId, Model, MuJoCo};
 use crate::{
     EpisodeSetup, GraspEnv, GraspTask, Object, ObjectScene, PhysicsConfig, RewardConfig, SimError, TaskConfig,
 };
+
+pub use pictures::pictures;
 
 /// Random episodes with each object.
 const EPISODES_PER_OBJECT: usize = 3;
@@ -32,6 +36,8 @@ const AWAY: f64 = 0.8;
 const LEAST_VARIATION: f32 = 1e-6;
 /// Entry of the observation that is constant where there is one object.
 const OBJECT_ID: &str = "object:id";
+/// The first condition.
+const COMPILES: &str = "compiles";
 /// Seed of the random episodes; the contract gives one answer for one hand.
 const SEED: u64 = 20;
 
@@ -75,6 +81,11 @@ impl ContractReport {
     pub fn passed(&self) -> bool {
         self.checks.iter().all(|check| check.passed)
     }
+
+    /// Tells whether the hand's scenes compile, without which there is nothing further to check or to draw.
+    pub fn compiles(&self) -> bool {
+        self.checks.iter().any(|check| check.name == COMPILES && check.passed)
+    }
 }
 
 /// `Ok` says what was found, `Err` what is wrong.
@@ -89,11 +100,11 @@ pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractR
     let task = match compiled {
         Ok(task) => Arc::new(task),
         Err(error) => {
-            report.add("compiles", Err(with_sources(&error)));
+            report.add(COMPILES, Err(with_sources(&error)));
             return report;
         }
     };
-    report.add("compiles", Ok(format!("with {}", objects.join(", "))));
+    report.add(COMPILES, Ok(format!("with {}", objects.join(", "))));
     report.add("scenes load", scenes_load(&task, library));
     report.add("names resolve", names_resolve(hand, &task));
     report.add("open posture is free", open_posture_is_free(&task));

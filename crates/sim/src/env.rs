@@ -63,6 +63,11 @@ impl GraspEnv {
         &self.simulations[self.current]
     }
 
+    /// Returns the simulations of all scenes, each in the state of the last episode with its object.
+    pub(crate) fn simulations(&self) -> &[Data] {
+        &self.simulations
+    }
+
     /// Starts an episode: an object in a random pose comes to rest on the plane before there is a hand,
     /// is put back to its drawn place, and the open hand stands at the slide's start.
     ///

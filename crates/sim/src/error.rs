@@ -115,6 +115,17 @@ pub enum SimError {
         /// What was found, and what to do.
         reason: String,
     },
+    /// A picture cannot be encoded.
+    #[error("cannot encode a picture of {width} x {height} pixels as PNG")]
+    Picture {
+        /// Its width.
+        width: usize,
+        /// Its height.
+        height: usize,
+        /// What the encoder says.
+        #[source]
+        source: png::EncodingError,
+    },
     /// The simulation produced values that are not finite or too large.
     #[error("the simulation diverged at step {step} of the episode")]
     Diverged {

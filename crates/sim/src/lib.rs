@@ -6,6 +6,7 @@ mod error;
 pub mod ffi;
 mod objects;
 mod physics;
+pub mod render;
 mod reward;
 pub mod scene;
 pub mod survey;

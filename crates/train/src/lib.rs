@@ -27,7 +27,7 @@ mod tensorboard;
 mod trainer;
 
 pub use assess::{Assessment, ObjectScore, assess, wilson_interval};
-pub use catalogue::{check_hand, hand_named, registry};
+pub use catalogue::{HandCheck, check_hand, default_picture, hand_named, registry};
 pub use eigenhand_hands::{Hand, HandSummary, ImportOptions, PLUGINS_VARIABLE, Registry, RegistryEntry, Transmission};
 pub use eigenhand_sim::contract::{Check, ContractReport};
 pub use eigenhand_sim::ffi::{LIBRARY_VARIABLE, MuJoCo};

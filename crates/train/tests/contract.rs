@@ -47,16 +47,21 @@ const MODEL: &str = r#"<mujoco>
 
 fn check(hand: &Hand) -> ContractReport {
     let library = MuJoCo::load().unwrap_or_else(|error| panic!("{error}"));
-    check_hand(hand, &library).unwrap()
+    check_hand(hand, &library, None).unwrap().report
 }
 
 /// Checks the gripper with one piece of its manifest or model replaced.
 fn check_with(old: &str, new: &str) -> ContractReport {
+    check(&gripper_with(old, new))
+}
+
+/// Reads the gripper with one piece of its manifest or model replaced.
+fn gripper_with(old: &str, new: &str) -> Hand {
     assert_eq!(MANIFEST.matches(old).count() + MODEL.matches(old).count(), 1, "{old:?} is not there once");
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("hand.toml"), MANIFEST.replace(old, new)).unwrap();
     std::fs::write(directory.path().join("gripper.xml"), MODEL.replace(old, new)).unwrap();
-    check(&Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}")))
+    Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Asserts that this one condition fails, and what it says.
@@ -142,4 +147,27 @@ fn an_unstable_hand_is_told() {
         report.checks.iter().any(|c| !c.passed && (c.detail.contains("diverged") || c.detail.contains("warns"))),
         "{report:#?}"
     );
+}
+
+#[test]
+fn a_hand_is_drawn_if_it_compiles() {
+    let library = MuJoCo::load().unwrap_or_else(|error| panic!("{error}"));
+    let directory = tempfile::tempdir().unwrap();
+    let draw = |old: &str, new: &str, name: &str| {
+        let file = directory.path().join("pictures").join(name);
+        let found = check_hand(&gripper_with(old, new), &library, Some(&file)).unwrap();
+        assert_eq!(found.picture.is_some(), file.is_file());
+        (found.report.passed(), std::fs::read(file).ok())
+    };
+    let (passed, sound) = draw("schema = 1", "schema = 1", "sound.png");
+    let sound = sound.unwrap();
+    assert!(passed && sound.starts_with(b"\x89PNG"));
+    // Lower in the picture, and failing the contract.
+    let (passed, low) = draw("position = [0.0, 0.0, 0.12]", "position = [0.0, 0.0, 0.045]", "low.png");
+    assert!(!passed && low.is_some_and(|low| low.starts_with(b"\x89PNG") && low != sound));
+    assert_eq!(draw(r#"size="0.02 0.07 0.01""#, r#"size="-1""#, "broken.png"), (false, None));
+
+    let file = directory.path().join("pictures/sound.png/no-directory.png");
+    let error = check_hand(&gripper_with("schema = 1", "schema = 1"), &library, Some(&file)).unwrap_err();
+    assert!(error.to_string().contains("sound.png"), "{error}");
 }

@@ -3,7 +3,7 @@
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::bindings::{self as mj, mjContact, mjData};
@@ -181,6 +181,20 @@ impl Data {
         // SAFETY: site_xpos holds three numbers a site.
         let all = unsafe { slice_of(self.get().site_xpos, 3 * self.model.nsite() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
+    }
+
+    /// Returns a geom's position in the world, in m.
+    pub fn geom_position(&self, id: GeomId) -> Vector3<f64> {
+        // SAFETY: geom_xpos holds three numbers a geom.
+        let all = unsafe { slice_of(self.get().geom_xpos, 3 * self.model.ngeom() as i32) };
+        Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
+    }
+
+    /// Returns a geom's orientation in the world, as a matrix.
+    pub fn geom_orientation(&self, id: GeomId) -> Matrix3<f64> {
+        // SAFETY: geom_xmat holds nine numbers a geom, row by row.
+        let all = unsafe { slice_of(self.get().geom_xmat, 9 * self.model.ngeom() as i32) };
+        Matrix3::from_row_slice(&all[9 * id.0..9 * id.0 + 9])
     }
 
     /// Lists the contacts that the constraint solver acts on.

@@ -1,20 +1,15 @@
 //! How a model is put together: its tree of bodies, and the extent of its geoms.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::bindings as mj;
 use super::model::slice_of;
-use super::{BodyId, Data, GeomId, JointId, Model};
+use super::{BodyId, Data, GeomId, GeomShape, JointId, Model};
 
 impl Model {
     /// Lists the bodies, parents before their children; the first is the world.
     pub fn bodies(&self) -> impl Iterator<Item = BodyId> {
         (0..self.nbody()).map(BodyId)
-    }
-
-    /// Lists the geoms.
-    pub fn geoms(&self) -> impl Iterator<Item = GeomId> {
-        (0..self.ngeom()).map(GeomId)
     }
 
     /// Lists the joints.
@@ -58,48 +53,33 @@ impl Model {
             .map(|i| (BodyId(first[i].max(0) as usize), BodyId(second[i].max(0) as usize)))
             .collect()
     }
+}
 
-    /// Returns the point of a geom that lies farthest in a direction, both in the geom's frame.
+impl GeomShape<'_> {
+    /// Returns the point that lies farthest in a direction, both in the geom's frame, in m.
     ///
-    /// # Units
-    /// m. A plane or height field has no farthest point; its own origin is returned.
-    fn support(&self, id: GeomId, direction: &Vector3<f64>) -> Vector3<f64> {
-        let raw = self.get();
-        let size = &self.numbers(raw.geom_size, 3 * raw.ngeom)[3 * id.0..3 * id.0 + 3];
+    /// A plane or height field has no farthest point; its own origin is returned.
+    fn farthest_point(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let unit = direction.try_normalize(1e-12).unwrap_or_else(Vector3::z);
-        let sign = |v: f64| if v < 0.0 { -1.0 } else { 1.0 };
-        match self.ints(raw.geom_type, raw.ngeom)[id.0] as u32 {
-            mj::mjGEOM_SPHERE => unit * size[0],
-            mj::mjGEOM_CAPSULE => unit * size[0] + Vector3::z() * (sign(unit.z) * size[1]),
-            mj::mjGEOM_CYLINDER => {
+        let along_z = |half: f64| Vector3::z() * half.copysign(unit.z);
+        match *self {
+            GeomShape::Sphere { radius } => unit * radius,
+            GeomShape::Capsule { radius, half_length } => unit * radius + along_z(half_length),
+            GeomShape::Cylinder { radius, half_height } => {
                 let across = Vector3::new(unit.x, unit.y, 0.0).try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
-                across * size[0] + Vector3::z() * (sign(unit.z) * size[1])
+                across * radius + along_z(half_height)
             }
-            mj::mjGEOM_ELLIPSOID => {
-                let half = Vector3::new(size[0], size[1], size[2]);
+            GeomShape::Ellipsoid { half } => {
+                let half = Vector3::from(half);
                 let scaled = half.component_mul(&unit);
                 half.component_mul(&scaled) / scaled.norm().max(1e-12)
             }
-            mj::mjGEOM_BOX => Vector3::new(sign(unit.x) * size[0], sign(unit.y) * size[1], sign(unit.z) * size[2]),
-            mj::mjGEOM_MESH => self.farthest_vertex(id, &unit),
-            _ => Vector3::zeros(),
+            GeomShape::Box { half } => Vector3::from(half).zip_map(&unit, f64::copysign),
+            GeomShape::Mesh(mesh) => {
+                mesh.vertices().max_by(|a, b| a.dot(&unit).total_cmp(&b.dot(&unit))).unwrap_or_else(Vector3::zeros)
+            }
+            GeomShape::Plane { .. } | GeomShape::Other => Vector3::zeros(),
         }
-    }
-
-    fn farthest_vertex(&self, id: GeomId, unit: &Vector3<f64>) -> Vector3<f64> {
-        let raw = self.get();
-        let Ok(mesh) = usize::try_from(self.ints(raw.geom_dataid, raw.ngeom)[id.0]) else {
-            return Vector3::zeros();
-        };
-        let first = self.ints(raw.mesh_vertadr, raw.nmesh)[mesh] as usize;
-        let count = self.ints(raw.mesh_vertnum, raw.nmesh)[mesh] as usize;
-        // SAFETY: mesh_vert holds three numbers for each of nmeshvert vertices.
-        let all: &[f32] = unsafe { slice_of(raw.mesh_vert, 3 * raw.nmeshvert) };
-        all[3 * first..3 * (first + count)]
-            .chunks_exact(3)
-            .map(|v| Vector3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2])))
-            .max_by(|a, b| a.dot(unit).total_cmp(&b.dot(unit)))
-            .unwrap_or_else(Vector3::zeros)
     }
 }
 
@@ -109,19 +89,9 @@ impl Data {
     /// # Units
     /// m.
     pub fn farthest_point(&self, id: GeomId, direction: &Vector3<f64>) -> Vector3<f64> {
-        let (raw, n) = (self.get(), self.model().ngeom() as i32);
-        // SAFETY: geom_xpos holds three and geom_xmat nine numbers a geom.
-        let (places, turns) = unsafe { (slice_of(raw.geom_xpos, 3 * n), slice_of(raw.geom_xmat, 9 * n)) };
-        let place = Vector3::from_column_slice(&places[3 * id.0..3 * id.0 + 3]);
-        let turn = Matrix3::from_row_slice(&turns[9 * id.0..9 * id.0 + 9]);
-        place + turn * self.model().support(id, &(turn.transpose() * direction))
-    }
-
-    /// Returns the centre of a geom in the world, in m.
-    pub fn geom_position(&self, id: GeomId) -> Vector3<f64> {
-        // SAFETY: geom_xpos holds three numbers a geom.
-        let all = unsafe { slice_of(self.get().geom_xpos, 3 * self.model().ngeom() as i32) };
-        Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
+        let turn = self.geom_orientation(id);
+        let own = self.model().geom_shape(id).farthest_point(&(turn.transpose() * direction));
+        self.geom_position(id) + turn * own
     }
 
     /// Returns the point in the world about which a joint turns, in m.
