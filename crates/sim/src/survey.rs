@@ -102,6 +102,8 @@ pub struct Survey {
     pub moving: Vec<String>,
     /// Joints that never moved.
     pub stuck: Vec<String>,
+    /// Bodies above the palm, such as a forearm, that would touch the plane before the palm or a finger does.
+    pub in_the_way: Vec<String>,
     /// Pairs of bodies that overlap in the open posture or the initial one.
     pub overlaps: Vec<(String, String)>,
 }
@@ -525,7 +527,7 @@ impl<'a> Lab<'a> {
             })
             .map(|(name, q)| (name.clone(), within(&model, &name, q)))
             .collect();
-        let (mount, slide_range) = self.mount(poses, &tips, object_scale);
+        let (mount, slide_range, in_the_way) = self.mount(poses, &tips, object_scale);
         let overlaps = self.overlaps(touching)?;
         let names = |joints: &[JointId]| joints.iter().map(|&j| model.joint_name(j)).collect();
         let fingers = self
@@ -550,12 +552,13 @@ impl<'a> Lab<'a> {
             slide_range,
             moving: names(&moving),
             stuck: names(&stuck),
+            in_the_way: in_the_way.into_iter().map(|body| model.body_name(body)).collect(),
             overlaps,
         })
     }
 
     /// Turns the direction of approach down and the fingers along x, and puts the tallest object under the open hand.
-    fn mount(&self, poses: &[Pose], tips: &[Vector3<f64>], scale: f64) -> (Isometry3<f64>, [f64; 2]) {
+    fn mount(&self, poses: &[Pose], tips: &[Vector3<f64>], scale: f64) -> (Isometry3<f64>, [f64; 2], Vec<BodyId>) {
         let down = self.approach;
         let straight: Vector3<f64> = (0..self.chains.len())
             .map(|f| poses[self.straight[f].1].tips[f] - self.base(&self.chains[f]))
@@ -578,17 +581,21 @@ impl<'a> Lab<'a> {
         let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
         let centre = turn * self.palm_pose().transform_point(&centre.into()).coords;
         let up = turn.inverse_transform_vector(&Vector3::z());
-        let lowest = self
+        let height = |g: GeomId| self.data.farthest_point(g, &-up).dot(&up);
+        let (below_palm, above_palm): (Vec<GeomId>, Vec<GeomId>) = self
             .model
             .geoms()
             .filter(|&g| self.model.geom_collides(g))
-            .map(|g| self.data.farthest_point(g, &-up).dot(&up))
-            .fold(f64::INFINITY, f64::min);
+            .partition(|&g| ancestors(self.model, self.model.geom_body(g)).any(|body| body == self.palm));
+        let lowest = below_palm.iter().map(|&g| height(g)).fold(f64::INFINITY, f64::min);
+        let mut in_the_way: Vec<BodyId> =
+            above_palm.iter().filter(|&&g| height(g) < lowest).map(|&g| self.model.geom_body(g)).collect();
+        in_the_way.dedup();
         let start = TALLEST * scale + ROOM;
         let round = |v: f64| (v * 1e4).round() / 1e4;
         let position = Vector3::new(round(-centre.x), round(-centre.y), round(start - lowest));
         let low = round(-start - PRESS);
-        (Isometry3::from_parts(Translation3::from(position), turn), [low, round(low + TRAVEL)])
+        (Isometry3::from_parts(Translation3::from(position), turn), [low, round(low + TRAVEL)], in_the_way)
     }
 
     /// Finds the pairs of bodies that are in contact in the present posture or the initial one.

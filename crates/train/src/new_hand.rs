@@ -90,6 +90,7 @@ pub fn new_hand(
     let found = survey(library, &imported.model, &imported.assets, &request.hints)?;
     let tips = add_tips(&mut imported.model, &found);
     exclude_overlaps(&mut imported.model, &found, notes);
+    clear_the_way(&mut imported.model, &found, notes);
     name_meshes_directory(&mut imported);
     if !found.stuck.is_empty() {
         notes.push(format!("joints that no actuator moves are left out of the posture: {}", found.stuck.join(", ")));
@@ -181,6 +182,23 @@ fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>
     model.children.push(XMLNode::Element(contact));
     let pairs: Vec<String> = found.overlaps.iter().map(|(a, b)| format!("{a} and {b}")).collect();
     notes.push(format!("links that overlap at rest do not touch one another: {}", pairs.join(", ")));
+}
+
+/// Lets what lies above the palm pass through the plane, which at a real table it would stand beside.
+fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
+    for name in &found.in_the_way {
+        let geoms =
+            body_named(model, name).into_iter().flat_map(|body| children_mut(body).filter(|e| e.name == "geom"));
+        for geom in geoms {
+            for bits in ["contype", "conaffinity"] {
+                geom.attributes.insert(bits.to_owned(), "0".to_owned());
+            }
+        }
+    }
+    if !found.in_the_way.is_empty() {
+        let names = found.in_the_way.join(", ");
+        notes.push(format!("so that the palm can come down to the plane, these touch nothing: {names}"));
+    }
 }
 
 fn name_meshes_directory(imported: &mut Imported) {
