@@ -6,8 +6,10 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use xmltree::Element;
 
+use crate::additions;
 use crate::closure;
 use crate::error::HandError;
+use crate::import;
 use crate::manifest::{HandManifest, MANIFEST_FILE, ModelFormat};
 use crate::mjcf::Compiler;
 use crate::model::Contents;
@@ -26,6 +28,10 @@ pub struct Hand {
     pub compiler: Compiler,
     /// Folder that the model's asset paths are relative to, before `meshdir` and `texturedir`.
     pub model_directory: PathBuf,
+    /// Files that the model names and that are held here, by the names it uses; all others lie in the model's directory.
+    pub assets: Vec<(String, Vec<u8>)>,
+    /// What was changed or assumed while the model was read, one line each.
+    pub notes: Vec<String>,
     /// Every file that makes the hand, relative to its directory; a compiled plugin's sidecar and the files it generates.
     pub files: Vec<PathBuf>,
     /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal.
@@ -190,9 +196,12 @@ impl Hand {
         }
         let text = std::fs::read_to_string(&manifest_path).map_err(HandError::io(&manifest_path))?;
         let manifest = HandManifest::parse(&text, &manifest_path)?;
-        let ModelFormat::Mjcf = manifest.format;
-        let closure = closure::read(directory, &manifest_path, &manifest.model)?;
         let model_path = directory.join(&manifest.model);
+        let (mut closure, assets, notes) = match manifest.format {
+            ModelFormat::Mjcf => (closure::read(directory, &manifest_path, &manifest.model)?, Vec::new(), Vec::new()),
+            ModelFormat::Urdf => import::read_urdf(directory, &manifest_path, &manifest)?,
+        };
+        additions::apply(&mut closure.model, &manifest, &manifest_path)?;
         let contents = Contents::read(&closure.model, &model_path)?;
         let fingertips = resolve::frames(&manifest, &contents, &manifest_path)?;
         let posture = resolve::posture(&manifest, &contents, &manifest_path)?;
@@ -201,6 +210,8 @@ impl Hand {
             directory: directory.to_path_buf(),
             model_directory: model_path.parent().unwrap_or(directory).to_path_buf(),
             compiler: contents.compiler,
+            assets,
+            notes,
             files: closure.files,
             digest: closure.digest,
             model: closure.model,

@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use xmltree::Element;
 
+use crate::closure::{self, Closure};
 use crate::error::HandError;
+use crate::manifest::{HandManifest, MANIFEST_FILE};
 
-mod mjcf;
+pub(crate) mod mjcf;
 mod newer;
 mod servos;
 mod urdf;
@@ -47,6 +49,33 @@ pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> 
     };
     servos::complete(&mut imported, file, notes)?;
     Ok(imported)
+}
+
+/// A closure with the files that its model names, and what was changed.
+type Converted = (Closure, Vec<(String, Vec<u8>)>, Vec<String>);
+
+/// Reads the URDF of a hand's directory.
+pub(crate) fn read_urdf(
+    directory: &Path,
+    manifest_path: &Path,
+    manifest: &HandManifest,
+) -> Result<Converted, HandError> {
+    let file = directory.join(&manifest.model);
+    if !file.is_file() {
+        return Err(HandError::MissingFile { file: manifest_path.to_path_buf(), key: "model".to_owned(), got: file });
+    }
+    let packages = manifest.packages.iter().map(|(name, path)| (name.clone(), directory.join(path))).collect();
+    let mut notes = Vec::new();
+    let imported = import(&file, &ImportOptions { packages }, &mut notes)?;
+    let read = |path: &Path| std::fs::read(path).map_err(HandError::io(path));
+    let mut contents = BTreeMap::from([
+        (PathBuf::from(MANIFEST_FILE), read(manifest_path)?),
+        (PathBuf::from(&manifest.model), read(&file)?),
+    ]);
+    let files = contents.keys().cloned().collect();
+    contents.extend(imported.assets.iter().map(|(name, bytes)| (PathBuf::from(name), bytes.clone())));
+    let closure = Closure { model: imported.model, files, digest: closure::digest(&contents) };
+    Ok((closure, imported.assets, notes))
 }
 
 /// Returns the name of a document's first element, whatever stands before it.

@@ -7,6 +7,7 @@
 #![deny(unsafe_code)]
 
 mod actuation;
+mod additions;
 mod closure;
 mod compiled;
 mod error;
@@ -22,6 +23,7 @@ mod servo;
 mod summary;
 
 pub use actuation::Actuation;
+pub use additions::{AddedActuator, AddedCoupling, ContactBits};
 pub use compiled::{SIDECAR_FILE, SIDECAR_KEYS};
 pub use error::HandError;
 pub use hand::{Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};

@@ -6,6 +6,7 @@ use std::path::{Component, Path};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::additions::{AddedActuator, AddedCoupling, ContactBits};
 use crate::error::HandError;
 use crate::schema;
 
@@ -31,6 +32,9 @@ pub struct HandManifest {
     /// Format of the model file.
     #[serde(default)]
     pub format: ModelFormat,
+    /// Directories of ROS packages inside the hand's directory, for a URDF's `package://name/...`.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub packages: BTreeMap<String, String>,
     /// Joints of the posture in order, the slide included; absent: the slide, then every joint in model order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub posture_joints: Option<Vec<String>>,
@@ -55,6 +59,15 @@ pub struct HandManifest {
     /// The objects to grasp.
     #[serde(default)]
     pub objects: Objects,
+    /// Position servos that the model lacks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub actuators: Vec<AddedActuator>,
+    /// Couplings that the model lacks.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub couplings: Vec<AddedCoupling>,
+    /// Contact bits of the hand's geoms; absent: as the model has them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub contact: Option<ContactBits>,
     /// Keys that the file holds; all others have their defaults.
     #[serde(skip)]
     pub written: BTreeSet<String>,
@@ -64,9 +77,11 @@ pub struct HandManifest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ModelFormat {
-    /// MuJoCo's XML.
+    /// MuJoCo's XML, which MuJoCo 2.2.2 loads as it is.
     #[default]
     Mjcf,
+    /// URDF, converted on reading.
+    Urdf,
 }
 
 /// Pose of the hand's root body in the frame of the slide, which at slide 0 is the world's: z up, the plane at z = 0,
@@ -181,7 +196,8 @@ impl HandManifest {
                 table.get("schema").map_or(String::new(), ToString::to_string),
             ));
         }
-        if let Some(format) = table.get("format").and_then(toml::Value::as_str).filter(|f| *f != "mjcf") {
+        let formats = ["mjcf", "urdf"];
+        if let Some(format) = table.get("format").and_then(toml::Value::as_str).filter(|f| !formats.contains(f)) {
             return Err(HandError::invalid(file, "format", schema::expected("format"), format!("\"{format}\"")));
         }
         let mut manifest: Self = toml::from_str(text).map_err(|e| toml_error(&e))?;
@@ -207,7 +223,7 @@ impl HandManifest {
         require(is_hand_name(&self.name), "name", format!("\"{}\"", self.name))?;
         require(!self.palm.is_empty(), "palm", "\"\"".to_owned())?;
         require(!self.fingertips.is_empty(), "fingertips", "[]".to_owned())?;
-        check_relative(&self.model, file)?;
+        check_relative("model", &self.model, file)?;
         for (key, names) in [("fingertips", Some(&self.fingertips)), ("posture_joints", self.posture_joints.as_ref())] {
             if let Some(twice) = names.and_then(|names| first_duplicate(names)) {
                 return Err(HandError::invalid(file, key, "names that differ", format!("`{twice}` twice")));
@@ -215,6 +231,7 @@ impl HandManifest {
         }
         require(self.posture_joints.as_ref().is_none_or(|names| !names.is_empty()), "posture_joints", "[]".to_owned())?;
         self.check_mount(file)?;
+        self.check_additions(file)?;
         let slide = &self.slide;
         let [low, high] = slide.range;
         require(!slide.name.is_empty(), "slide.name", "\"\"".to_owned())?;
@@ -228,6 +245,25 @@ impl HandManifest {
             require(speed > 0.0, "slide.rise_speed", speed.to_string())?;
         }
         require(self.objects.scale > 0.0, "objects.scale", self.objects.scale.to_string())
+    }
+
+    fn check_additions(&self, file: &Path) -> Result<(), HandError> {
+        for (i, actuator) in self.actuators.iter().enumerate() {
+            let positive = |key: &str, value: f64| {
+                let key = format!("actuators[{i}].{key}");
+                if value > 0.0 { Ok(()) } else { Err(HandError::invalid(file, &key, "a positive number", value)) }
+            };
+            positive("kp", actuator.kp)?;
+            positive("force_limit", actuator.force_limit)?;
+            if let Some([low, high]) = actuator.control_range.filter(|[low, high]| low >= high) {
+                let key = format!("actuators[{i}].control_range");
+                return Err(HandError::invalid(file, &key, "two numbers, the lower first", format!("[{low}, {high}]")));
+            }
+        }
+        for directory in self.packages.values() {
+            check_relative("packages", directory, file)?;
+        }
+        Ok(())
     }
 
     fn check_mount(&self, file: &Path) -> Result<(), HandError> {
@@ -249,18 +285,18 @@ impl HandManifest {
     }
 }
 
-fn check_relative(model: &str, file: &Path) -> Result<(), HandError> {
-    if model.is_empty() {
-        return Err(HandError::invalid(file, "model", schema::expected("model"), "\"\""));
+fn check_relative(key: &str, path: &str, file: &Path) -> Result<(), HandError> {
+    if path.is_empty() {
+        return Err(HandError::invalid(file, key, schema::expected(key), "\"\""));
     }
-    let inside = Path::new(model).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
+    let inside = Path::new(path).components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir));
     if inside {
         return Ok(());
     }
     Err(HandError::Escape {
         file: file.to_path_buf(),
-        key: "model".to_owned(),
-        got: model.to_owned(),
+        key: key.to_owned(),
+        got: path.to_owned(),
         directory: file.parent().unwrap_or(Path::new(".")).to_path_buf(),
     })
 }

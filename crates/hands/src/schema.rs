@@ -29,6 +29,10 @@ enum Kind {
     Table,
     /// A table whose keys are names out of the model, with numbers for values.
     NumberMap,
+    /// A table whose keys are names, with text for values.
+    TextMap,
+    /// A list of tables.
+    Tables,
 }
 
 const fn key(key: &'static str, required: bool, kind: Kind, expected: &'static str) -> KeyInfo {
@@ -40,7 +44,8 @@ const KEYS: &[KeyInfo] = &[
     key("name", true, Kind::Text, "a name of lower-case letters, digits, `-` and `_`, in quotes"),
     key("description", false, Kind::Text, "a line of text in quotes"),
     key("model", true, Kind::Text, "the model file's path inside the hand's directory, in quotes"),
-    key("format", false, Kind::Text, "\"mjcf\""),
+    key("format", false, Kind::Text, "\"mjcf\" or \"urdf\""),
+    key("packages", false, Kind::TextMap, "a table of package name = directory inside the hand's directory, in quotes"),
     key("posture_joints", false, Kind::Texts, "a list of joint names"),
     key("palm", true, Kind::Text, "the name of the palm's body, in quotes"),
     key("fingertips", true, Kind::Texts, "a list of site or body names, one for each finger"),
@@ -62,6 +67,20 @@ const KEYS: &[KeyInfo] = &[
     key("open_posture", false, Kind::NumberMap, "a table of joint name = value"),
     key("objects", false, Kind::Table, "a table [objects]"),
     key("objects.scale", false, Kind::Number, "a positive number"),
+    key("actuators", false, Kind::Tables, "tables [[actuators]]"),
+    key("actuators.joint", false, Kind::Text, "the name of a joint of the model, in quotes"),
+    key("actuators.name", false, Kind::Text, "a name in quotes"),
+    key("actuators.kp", false, Kind::Number, "a positive number (N m/rad or N/m)"),
+    key("actuators.force_limit", false, Kind::Number, "a positive number (N m or N)"),
+    key("actuators.control_range", false, Kind::Numbers(2), "two numbers [low, high] (rad or m), low < high"),
+    key("couplings", false, Kind::Tables, "tables [[couplings]]"),
+    key("couplings.joint", false, Kind::Text, "the name of a joint of the model, in quotes"),
+    key("couplings.follows", false, Kind::Text, "the name of another joint of the model, in quotes"),
+    key("couplings.multiplier", false, Kind::Number, "a number"),
+    key("couplings.offset", false, Kind::Number, "a number (rad or m)"),
+    key("contact", false, Kind::Table, "a table [contact]"),
+    key("contact.contype", false, Kind::Integer, "an integer of bits >= 0"),
+    key("contact.conaffinity", false, Kind::Integer, "an integer of bits >= 0"),
 ];
 
 /// Lists every key of `hand.toml` in the order of the documentation.
@@ -100,6 +119,11 @@ fn check_table(table: &Table, parent: &str, file: &Path, written: &mut BTreeSet<
         }
         match (value, info.kind) {
             (Value::Table(inner), Kind::Table) => check_table(inner, &path, file, written)?,
+            (Value::Array(items), Kind::Tables) => {
+                for inner in items.iter().filter_map(Value::as_table) {
+                    check_table(inner, &path, file, written)?;
+                }
+            }
             (Value::Table(inner), Kind::NumberMap) => {
                 for (joint, value) in inner {
                     if !is_number(value) {
@@ -143,6 +167,8 @@ fn matches_kind(value: &Value, kind: Kind) -> bool {
         Kind::Number => is_number(value),
         Kind::Numbers(n) => value.as_array().is_some_and(|items| items.len() == n && items.iter().all(is_number)),
         Kind::Table | Kind::NumberMap => value.is_table(),
+        Kind::TextMap => value.as_table().is_some_and(|table| table.values().all(Value::is_str)),
+        Kind::Tables => value.as_array().is_some_and(|items| items.iter().all(Value::is_table)),
     }
 }
 

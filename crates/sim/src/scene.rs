@@ -88,7 +88,7 @@ impl Scene {
                 }
             }
             if name == "asset" {
-                collect_files(&mut section, model, &hand.model_directory, &mut assets)?;
+                collect_files(&mut section, hand, &mut assets)?;
             }
             if !section.children.is_empty() {
                 append(&mut root, section);
@@ -340,12 +340,8 @@ fn slide_servo(hand: &Hand, lifted_mass: f64) -> Element {
 
 /// Reads the files that the hand's assets name and renames them, so that two files of one name in
 /// two directories stay apart.
-fn collect_files(
-    section: &mut Element,
-    model: &Element,
-    directory: &Path,
-    assets: &mut Vec<(String, Vec<u8>)>,
-) -> Result<(), SimError> {
+fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, Vec<u8>)>) -> Result<(), SimError> {
+    let (model, directory) = (&hand.model, &hand.model_directory);
     let directory_of = |key: &str| {
         elements(model)
             .filter(|s| s.name == "compiler")
@@ -356,8 +352,13 @@ fn collect_files(
     for item in elements_mut(section) {
         let Some(file) = item.attributes.get("file").cloned() else { continue };
         let kind = if item.name == "texture" { "texturedir" } else { "meshdir" };
-        let path = directory.join(directory_of(kind)).join(&file);
-        let bytes = std::fs::read(&path).map_err(|source| SimError::ReadAsset { path: path.clone(), source })?;
+        let bytes = match hand.assets.iter().find(|(name, _)| *name == file) {
+            Some((_, bytes)) => bytes.clone(),
+            None => {
+                let path = directory.join(directory_of(kind)).join(&file);
+                std::fs::read(&path).map_err(|source| SimError::ReadAsset { path, source })?
+            }
+        };
         let (stem, extension) = (Path::new(&file).file_stem(), Path::new(&file).extension());
         if let Some(stem) = stem {
             item.attributes.entry("name".to_owned()).or_insert_with(|| stem.to_string_lossy().into_owned());

@@ -55,7 +55,7 @@ pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Imported, Han
     Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
 }
 
-pub(super) fn elements_mut(parent: &mut Element) -> impl Iterator<Item = &mut Element> {
+pub(crate) fn elements_mut(parent: &mut Element) -> impl Iterator<Item = &mut Element> {
     parent.children.iter_mut().filter_map(XMLNode::as_mut_element)
 }
 
@@ -80,7 +80,7 @@ fn each_in_bodies<E>(
     Ok(())
 }
 
-pub(super) fn each_in_world<E>(
+pub(crate) fn each_in_world<E>(
     root: &mut Element,
     act: &mut impl FnMut(&mut Element, Option<&str>) -> Result<(), E>,
 ) -> Result<(), E> {

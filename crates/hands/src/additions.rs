@@ -1,0 +1,166 @@
+//! What a manifest adds to a model: servos, couplings, contact bits.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use xmltree::{Element, XMLNode};
+
+use crate::error::HandError;
+use crate::import::mjcf::{each_in_world, elements_mut};
+use crate::manifest::HandManifest;
+use crate::mjcf::Defaults;
+use crate::model::Joints;
+
+/// A position servo on a joint; it takes the place of one that an importer made.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AddedActuator {
+    /// Joint that it moves.
+    pub joint: String,
+    /// Name of the actuator; absent: the joint's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// Stiffness (N m/rad or N/m).
+    pub kp: f64,
+    /// Largest torque (N m) or force (N).
+    pub force_limit: f64,
+    /// Lowest and highest command (rad or m); absent: the joint's range.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub control_range: Option<[f64; 2]>,
+}
+
+/// A joint that follows another: `joint = multiplier * follows + offset`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AddedCoupling {
+    /// The joint that follows; it takes no actuator.
+    pub joint: String,
+    /// The joint that is followed.
+    pub follows: String,
+    /// Factor; absent: 1.
+    #[serde(default = "one")]
+    pub multiplier: f64,
+    /// Position where the followed joint is at 0 (rad or m); absent: 0.
+    #[serde(default)]
+    pub offset: f64,
+}
+
+/// Contact bits of every geom of the hand that collides with anything.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ContactBits {
+    /// Bits that are matched with the other geom's `conaffinity`.
+    pub contype: u32,
+    /// Bits that are matched with the other geom's `contype`.
+    pub conaffinity: u32,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// Applies what the manifest in `file` adds to the model.
+pub(crate) fn apply(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<(), HandError> {
+    couplings(model, manifest, file)?;
+    actuators(model, manifest, file)?;
+    contact(model, manifest, file)
+}
+
+fn made(name: &str, attributes: &[(&str, String)]) -> Element {
+    let mut element = Element::new(name);
+    element.attributes.extend(attributes.iter().map(|(key, value)| ((*key).to_owned(), value.clone())));
+    element
+}
+
+fn add(model: &mut Element, section: &str, element: Element) {
+    let mut holder = Element::new(section);
+    holder.children.push(XMLNode::Element(element));
+    model.children.push(XMLNode::Element(holder));
+}
+
+fn known(joints: &Joints, name: &str, key: String, file: &Path) -> Result<(), HandError> {
+    if joints.0.iter().any(|joint| joint.name == name) {
+        return Ok(());
+    }
+    let names = joints.0.iter().map(|joint| joint.name.as_str());
+    Err(HandError::unresolved(file, key, "a joint of the model", name, names))
+}
+
+/// Takes away the actuators that act on a joint by themselves.
+fn free(model: &mut Element, joint: &str) {
+    for section in elements_mut(model).filter(|e| e.name == "actuator") {
+        section.children.retain(|node| {
+            node.as_element().is_some_and(|e| e.attributes.get("joint").is_none_or(|name| name != joint))
+        });
+    }
+}
+
+fn couplings(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<(), HandError> {
+    if manifest.couplings.is_empty() {
+        return Ok(());
+    }
+    let joints = Joints::read(model, file)?;
+    for (i, coupling) in manifest.couplings.iter().enumerate() {
+        known(&joints, &coupling.joint, format!("couplings[{i}].joint"), file)?;
+        known(&joints, &coupling.follows, format!("couplings[{i}].follows"), file)?;
+        if coupling.joint == coupling.follows {
+            return Err(HandError::invalid(
+                file,
+                &format!("couplings[{i}].follows"),
+                "another joint",
+                &coupling.follows,
+            ));
+        }
+        free(model, &coupling.joint);
+        let polynomial = format!("{} {} 0 0 0", coupling.offset, coupling.multiplier);
+        let attributes =
+            [("joint1", coupling.joint.clone()), ("joint2", coupling.follows.clone()), ("polycoef", polynomial)];
+        add(model, "equality", made("joint", &attributes));
+    }
+    Ok(())
+}
+
+fn actuators(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<(), HandError> {
+    if manifest.actuators.is_empty() {
+        return Ok(());
+    }
+    let joints = Joints::read(model, file)?;
+    for (i, actuator) in manifest.actuators.iter().enumerate() {
+        known(&joints, &actuator.joint, format!("actuators[{i}].joint"), file)?;
+        let range = joints.0.iter().find(|joint| joint.name == actuator.joint).and_then(|joint| joint.range);
+        let Some([low, high]) = actuator.control_range.or(range.map(|(low, high)| [low, high])) else {
+            let key = format!("actuators[{i}].control_range");
+            return Err(HandError::invalid(file, &key, "two numbers, as the joint has no range", "none"));
+        };
+        free(model, &actuator.joint);
+        let name = actuator.name.clone().unwrap_or_else(|| actuator.joint.clone());
+        let attributes = [
+            ("name", name),
+            ("joint", actuator.joint.clone()),
+            ("kp", actuator.kp.to_string()),
+            ("ctrllimited", "true".to_owned()),
+            ("ctrlrange", format!("{low} {high}")),
+            ("forcelimited", "true".to_owned()),
+            ("forcerange", format!("{} {}", -actuator.force_limit, actuator.force_limit)),
+        ];
+        add(model, "actuator", made("position", &attributes));
+    }
+    Ok(())
+}
+
+fn contact(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<(), HandError> {
+    let Some(bits) = manifest.contact else { return Ok(()) };
+    let defaults = Defaults::read(model, file)?;
+    each_in_world(model, &mut |element, class| {
+        if element.name != "geom" {
+            return Ok(());
+        }
+        let resolved = defaults.resolve(element, class, file)?;
+        if resolved.number("contype")? == Some(0.0) && resolved.number("conaffinity")? == Some(0.0) {
+            return Ok(());
+        }
+        element.attributes.insert("contype".to_owned(), bits.contype.to_string());
+        element.attributes.insert("conaffinity".to_owned(), bits.conaffinity.to_string());
+        Ok::<(), HandError>(())
+    })
+}
