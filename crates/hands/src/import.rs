@@ -7,6 +7,7 @@ use xmltree::Element;
 
 use crate::error::HandError;
 
+mod mesh;
 mod urdf;
 
 /// What the reader of a file has to be told.

@@ -10,3 +10,4 @@ mod model;
 mod mutation;
 mod registry;
 mod shadow;
+mod urdf;
