@@ -87,6 +87,18 @@ pub enum HandError {
         /// The file that was looked for.
         got: PathBuf,
     },
+    /// A mesh that a link names was not found.
+    #[error("{}: link `{link}`: mesh `{got}` was not found; {way_out}", file.display())]
+    MissingMesh {
+        /// The model file.
+        file: PathBuf,
+        /// The link.
+        link: String,
+        /// The mesh as written.
+        got: String,
+        /// What to do about it.
+        way_out: String,
+    },
     /// The model file is not XML.
     #[error("{}: not valid XML: {message}", file.display())]
     Xml {

@@ -9,6 +9,7 @@ use crate::closure::{self, Closure};
 use crate::error::HandError;
 use crate::manifest::{HandManifest, MANIFEST_FILE};
 
+mod mesh;
 pub(crate) mod mjcf;
 mod newer;
 mod servos;

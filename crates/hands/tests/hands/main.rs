@@ -12,3 +12,4 @@ mod model;
 mod mutation;
 mod registry;
 mod shadow;
+mod urdf;

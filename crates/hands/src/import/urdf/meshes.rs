@@ -1,0 +1,162 @@
+//! The mesh files that a URDF names: found, read, and made assets of the model.
+
+use std::collections::{BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector3;
+
+use super::geometry::Assets;
+use super::note;
+use crate::error::HandError;
+use crate::import::ImportOptions;
+use crate::import::mesh::Mesh;
+
+/// Half of the thickness of the box that stands for a flat mesh (m).
+const MIN_HALF: f64 = 0.0005;
+
+/// What a mesh becomes.
+#[derive(Debug, Clone)]
+pub(super) enum Shape {
+    /// An asset and the corners of the box that holds it.
+    Asset { file: String, bounds: (Vector3<f64>, Vector3<f64>) },
+    /// A box in the mesh's frame, for a mesh that has no volume.
+    Box { centre: Vector3<f64>, half: Vector3<f64> },
+}
+
+/// Meshes read so far.
+pub(super) struct Meshes<'a> {
+    file: &'a Path,
+    options: &'a ImportOptions,
+    /// By file and bits of the scale.
+    shapes: HashMap<(PathBuf, [u64; 3]), Option<Shape>>,
+    assets: Assets,
+    names: BTreeSet<String>,
+    flat: Vec<String>,
+    simplified: Vec<String>,
+    remarks: Vec<String>,
+}
+
+impl<'a> Meshes<'a> {
+    pub(super) fn new(file: &'a Path, options: &'a ImportOptions) -> Self {
+        Self {
+            file,
+            options,
+            shapes: HashMap::new(),
+            assets: Vec::new(),
+            names: BTreeSet::new(),
+            flat: Vec::new(),
+            simplified: Vec::new(),
+            remarks: Vec::new(),
+        }
+    }
+
+    /// Reads the mesh that geometry `i` of `link` names; nothing where its scale leaves nothing of it.
+    pub(super) fn shape(
+        &mut self,
+        name: &str,
+        scale: &Vector3<f64>,
+        link: &str,
+        i: usize,
+    ) -> Result<Option<Shape>, HandError> {
+        if scale.iter().all(|x| *x == 0.0) {
+            return Ok(None);
+        }
+        let path = self.find(name, link)?;
+        let key = (path.canonicalize().unwrap_or_else(|_| path.clone()), <[f64; 3]>::from(*scale).map(f64::to_bits));
+        if let Some(shape) = self.shapes.get(&key) {
+            return Ok(shape.clone());
+        }
+        let mut mesh = read(&path, link)?;
+        mesh.scale(scale);
+        let shape = self.add(mesh, name, link, i);
+        self.shapes.insert(key, shape.clone());
+        Ok(shape)
+    }
+
+    fn add(&mut self, mut mesh: Mesh, name: &str, link: &str, i: usize) -> Option<Shape> {
+        let base = name.rsplit(['/', '\\']).next().unwrap_or(name);
+        if let Some(remark) = mesh.note.take() {
+            self.remarks.push(format!("{base}: {remark}"));
+        }
+        if mesh.simplify() {
+            self.simplified.push(base.to_owned());
+        }
+        let (low, high) = mesh.bounds();
+        if mesh.is_flat() {
+            self.flat.push(base.to_owned());
+            let half = ((high - low) / 2.0).map(|x| x.max(MIN_HALF));
+            return Some(Shape::Box { centre: (low + high) / 2.0, half });
+        }
+        let file = self.name(link, i);
+        self.assets.push((file.clone(), mesh.to_stl()));
+        Some(Shape::Asset { file, bounds: (low, high) })
+    }
+
+    /// Makes a file name that no other asset has, on no file system.
+    fn name(&mut self, link: &str, i: usize) -> String {
+        let safe = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
+        let stem = format!("{}_{i}", link.chars().map(safe).collect::<String>());
+        let mut name = format!("{stem}.stl");
+        let mut count = 1;
+        while !self.names.insert(name.to_lowercase()) {
+            count += 1;
+            name = format!("{stem}_{count}.stl");
+        }
+        name
+    }
+
+    fn find(&self, name: &str, link: &str) -> Result<PathBuf, HandError> {
+        let name = name.trim().replace('\\', "/");
+        let package = ["package://", "model://"].iter().find_map(|scheme| name.strip_prefix(scheme));
+        let missing = |way_out: String| HandError::MissingMesh {
+            file: self.file.to_path_buf(),
+            link: link.to_owned(),
+            got: name.clone(),
+            way_out,
+        };
+        let directory = self.file.parent().unwrap_or(Path::new(""));
+        // Relative paths have no ancestors by themselves.
+        let absolute = directory.canonicalize().unwrap_or_else(|_| directory.to_path_buf());
+        let above = |path: &str| absolute.ancestors().map(|a| a.join(path)).find(|p| p.is_file());
+        let Some(rest) = package else {
+            let path = name.strip_prefix("file://").unwrap_or(&name);
+            let direct = directory.join(path);
+            let found = if direct.is_file() { Some(direct.clone()) } else { above(path) };
+            return found.ok_or_else(|| missing(format!("put it at {}", direct.display())));
+        };
+        let (package, path) = rest.split_once('/').unwrap_or((rest, ""));
+        if let Some(directory) = self.options.packages.get(package) {
+            let path = directory.join(path);
+            return if path.is_file() {
+                Ok(path)
+            } else {
+                Err(missing(format!("it is not at {}, where --package {package}=DIR puts it", path.display())))
+            };
+        }
+        above(&format!("{package}/{path}"))
+            .or_else(|| above(path))
+            .ok_or_else(|| missing(format!("say where its package lies: --package {package}=DIR")))
+    }
+
+    /// Returns the assets and says what was changed.
+    pub(super) fn finish(self, notes: &mut Vec<String>) -> Assets {
+        note(notes, "meshes without volume became thin boxes", &self.flat);
+        note(notes, "meshes with more faces than MuJoCo reads were simplified", &self.simplified);
+        notes.extend(self.remarks);
+        self.assets
+    }
+}
+
+fn read(path: &Path, link: &str) -> Result<Mesh, HandError> {
+    let bytes = std::fs::read(path).map_err(HandError::io(path))?;
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+    Mesh::read(&bytes, extension).map_err(|got| {
+        HandError::model(
+            path,
+            format!("mesh of link `{link}`"),
+            "a mesh in STL, OBJ or COLLADA (.dae); else convert it to STL, with Blender or `assimp export IN OUT.stl`, \
+             and name that in the URDF",
+            got,
+        )
+    })
+}

@@ -1,0 +1,292 @@
+//! The text of a URDF, made fit for a strict XML reader, and the robot in it.
+
+use std::path::Path;
+
+use xmltree::Element;
+
+use crate::closure;
+use crate::error::HandError;
+use crate::mjcf::elements;
+
+/// What a joint says that the reader of URDF would replace by a default without a word.
+#[derive(Debug, Default)]
+pub(super) struct Stated {
+    /// True where the joint has at least one of `lower` and `upper`.
+    pub(super) range: bool,
+}
+
+/// A robot and what its text says beyond it.
+#[derive(Debug)]
+pub(super) struct Source {
+    /// The robot as read; links and joints in the order of the file.
+    pub(super) robot: urdf_rs::Robot,
+    /// For every joint, in the order of `robot.joints`.
+    pub(super) stated: Vec<Stated>,
+    /// For every link, in the order of `robot.links`: whether it has a complete `<inertial>`.
+    pub(super) has_inertial: Vec<bool>,
+}
+
+/// The parts of a [`Source`] while they are gathered.
+struct Clean {
+    robot: Element,
+    stated: Vec<Stated>,
+    has_inertial: Vec<bool>,
+    /// Name of the elements that give a link its shape.
+    shape: &'static str,
+    /// Links that are seen and do not touch.
+    ghosts: Vec<String>,
+}
+
+/// Reads the robot in `file`.
+pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Source, HandError> {
+    let bytes = std::fs::read(file).map_err(HandError::io(file))?;
+    let text = decode(&bytes, notes);
+    let text = drop_declaration(&text, notes);
+    refuse_xacro_tags(&text, file)?;
+    let root = closure::parse(text.as_bytes(), file)?;
+    if root.name != "robot" {
+        return Err(HandError::model(file, "root element", "<robot>", format!("<{}>", root.name)));
+    }
+    refuse_xacro_values(&root, file)?;
+    let Clean { robot, stated, has_inertial, .. } = clean(&root, file, notes)?;
+    let mut text = Vec::new();
+    let xml = |message: String| HandError::Xml { file: file.to_path_buf(), message };
+    robot.write(&mut text).map_err(|e| xml(e.to_string()))?;
+    let robot = urdf_rs::read_from_string(&String::from_utf8_lossy(&text)).map_err(|e| {
+        // Readers of XML put the whole of a long reason on several lines.
+        let reason = e.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        HandError::model(file, "<robot>", "a URDF", reason)
+    })?;
+    if robot.joints.len() != stated.len() || robot.links.len() != has_inertial.len() {
+        return Err(HandError::model(file, "<robot>", "links and joints that can be told apart", "others"));
+    }
+    Ok(Source { robot, stated, has_inertial })
+}
+
+fn decode(bytes: &[u8], notes: &mut Vec<String>) -> String {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.to_owned(),
+        Err(_) => {
+            notes.push("the file is not UTF-8; it was read as Latin-1".to_owned());
+            bytes.iter().map(|&byte| char::from(byte)).collect()
+        }
+    }
+}
+
+/// Removes the XML declaration and what stands before it, keeping the line numbers of the rest.
+///
+/// Makers put licences before the declaration, which XML does not allow; and the text is UTF-8 by now, whatever it
+/// declares.
+fn drop_declaration(text: &str, notes: &mut Vec<String>) -> String {
+    let mut at = 0;
+    let mut comment = false;
+    loop {
+        let rest = &text[at..];
+        let trimmed = rest.trim_start();
+        at += rest.len() - trimmed.len();
+        if !trimmed.starts_with("<!--") {
+            break;
+        }
+        let Some(end) = trimmed.find("-->") else { return text.to_owned() };
+        comment = true;
+        at += end + "-->".len();
+    }
+    let declaration = &text[at..];
+    if !declaration.starts_with("<?xml") {
+        return text.to_owned();
+    }
+    let Some(end) = declaration.find("?>") else { return text.to_owned() };
+    if comment {
+        notes.push("a comment stands before the XML declaration, which XML does not allow; it was skipped".to_owned());
+    }
+    let end = at + end + "?>".len();
+    let lines = text[..end].matches('\n').count();
+    format!("{}{}", "\n".repeat(lines), &text[end..])
+}
+
+fn xacro(file: &Path, got: String) -> HandError {
+    HandError::model(
+        file,
+        "<robot>",
+        "an expanded URDF: this is xacro, expand it with `xacro in.xacro > out.urdf` and read out.urdf",
+        got,
+    )
+}
+
+/// Looks at the text, since a reader of XML refuses a prefix that was not declared for another reason.
+fn refuse_xacro_tags(text: &str, file: &Path) -> Result<(), HandError> {
+    let mut rest = text;
+    while let Some(start) = rest.find('<') {
+        rest = &rest[start..];
+        if let Some(comment) = rest.strip_prefix("<!--") {
+            let Some(end) = comment.find("-->") else { break };
+            rest = &comment[end..];
+            continue;
+        }
+        let tag = &rest[..rest.find('>').unwrap_or(rest.len())];
+        if let Some(word) = tag.split_whitespace().find(|w| w.starts_with("<xacro:") || w.starts_with("xacro:")) {
+            return Err(xacro(file, format!("`{word}`")));
+        }
+        rest = &rest[1..];
+    }
+    Ok(())
+}
+
+fn refuse_xacro_values(element: &Element, file: &Path) -> Result<(), HandError> {
+    for (key, value) in &element.attributes {
+        if value.contains("${") || value.contains("$(") {
+            return Err(xacro(file, format!("`{key}=\"{value}\"` in <{}>", element.name)));
+        }
+    }
+    // The parser bounds the depth.
+    elements(element).try_for_each(|child| refuse_xacro_values(child, file))
+}
+
+/// Copies what is read of a URDF and no more: real files hold extensions that a strict reader stumbles over.
+fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, HandError> {
+    let links = || elements(root).filter(|e| e.name == "link");
+    let holds = |name: &str| links().any(|link| link.get_child(name).is_some());
+    let visual = !holds("collision") && holds("visual");
+    if visual {
+        notes.push("no link has collision geometry; what is seen of the links touches instead".to_owned());
+    }
+    let mut clean = Clean {
+        robot: copy(root),
+        stated: Vec::new(),
+        has_inertial: Vec::new(),
+        shape: if visual { "visual" } else { "collision" },
+        ghosts: Vec::new(),
+    };
+    for child in elements(root) {
+        match child.name.as_str() {
+            "link" => clean.add_link(child, file)?,
+            "joint" => clean.add_joint(child, file)?,
+            _ => {}
+        }
+    }
+    if clean.has_inertial.is_empty() {
+        return Err(HandError::model(file, "<robot>", "at least one <link>", "none"));
+    }
+    if !clean.ghosts.is_empty() {
+        let names = super::list(&clean.ghosts);
+        notes.push(format!("links that are seen but have no collision geometry touch nothing: {names}"));
+    }
+    Ok(clean)
+}
+
+impl Clean {
+    fn add_link(&mut self, link: &Element, file: &Path) -> Result<(), HandError> {
+        let name = name_of(link, file)?;
+        let mut clean = copy(link);
+        let inertial = link.get_child("inertial").and_then(clean_inertial);
+        self.has_inertial.push(inertial.is_some());
+        if let Some(inertial) = inertial {
+            push(&mut clean, inertial);
+        }
+        for shape in elements(link).filter(|e| e.name == self.shape) {
+            push(&mut clean, clean_shape(shape, &name, file)?);
+        }
+        if link.get_child("visual").is_some() && link.get_child(self.shape).is_none() {
+            self.ghosts.push(name);
+        }
+        push(&mut self.robot, clean);
+        Ok(())
+    }
+
+    fn add_joint(&mut self, joint: &Element, file: &Path) -> Result<(), HandError> {
+        let (joint, stated) = clean_joint(joint, file)?;
+        push(&mut self.robot, joint);
+        self.stated.push(stated);
+        Ok(())
+    }
+}
+
+/// Returns `<inertial>` where it holds a mass and a whole tensor.
+fn clean_inertial(inertial: &Element) -> Option<Element> {
+    let mut clean = Element::new("inertial");
+    if let Some(origin) = inertial.get_child("origin") {
+        push(&mut clean, copy(origin));
+    }
+    for (name, keys) in [("mass", &["value"][..]), ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"])] {
+        let child = copy(inertial.get_child(name)?);
+        if !keys.iter().all(|key| child.attributes.get(*key).is_some_and(|v| v.trim().parse::<f64>().is_ok())) {
+            return None;
+        }
+        push(&mut clean, child);
+    }
+    Some(clean)
+}
+
+fn clean_shape(shape: &Element, link: &str, file: &Path) -> Result<Element, HandError> {
+    const SHAPES: [&str; 5] = ["box", "cylinder", "capsule", "sphere", "mesh"];
+    let place = format!("link `{link}` <{}>", shape.name);
+    let expected = "one of <box>, <cylinder>, <capsule>, <sphere> and <mesh> in <geometry>";
+    let geometry =
+        shape.get_child("geometry").ok_or_else(|| HandError::model(file, &place, expected, "no <geometry>"))?;
+    let kinds: Vec<&Element> = elements(geometry).filter(|e| SHAPES.contains(&e.name.as_str())).collect();
+    let [kind] = kinds[..] else {
+        let got: Vec<String> = elements(geometry).map(|e| format!("<{}>", e.name)).collect();
+        let got = if got.is_empty() { "nothing".to_owned() } else { got.join(", ") };
+        return Err(HandError::model(file, &place, expected, got));
+    };
+    // What touches is a collision geometry from here on, whatever it was in the file.
+    let mut clean = Element::new("collision");
+    if let Some(origin) = shape.get_child("origin") {
+        push(&mut clean, copy(origin));
+    }
+    let mut holder = Element::new("geometry");
+    push(&mut holder, copy(kind));
+    push(&mut clean, holder);
+    Ok(clean)
+}
+
+fn clean_joint(joint: &Element, file: &Path) -> Result<(Element, Stated), HandError> {
+    const KINDS: [&str; 4] = ["revolute", "continuous", "prismatic", "fixed"];
+    let name = name_of(joint, file)?;
+    let place = format!("joint `{name}`");
+    let kind = joint.attributes.get("type").map_or("", |kind| kind.trim());
+    if !KINDS.contains(&kind) {
+        let expected = "one of the types revolute, continuous, prismatic and fixed";
+        let got = if kind.is_empty() { "no type".to_owned() } else { format!("type `{kind}`") };
+        return Err(HandError::model(file, place, expected, got));
+    }
+    let mut clean = copy(joint);
+    clean.attributes.insert("type".to_owned(), kind.to_owned());
+    for key in ["parent", "child"] {
+        let end = joint
+            .get_child(key)
+            .filter(|end| end.attributes.contains_key("link"))
+            .ok_or_else(|| HandError::model(file, &place, &format!("<{key} link=\"...\">"), "none"))?;
+        push(&mut clean, copy(end));
+    }
+    let mut stated = Stated::default();
+    for key in ["origin", "axis", "limit", "mimic", "dynamics"] {
+        let Some(child) = joint.get_child(key) else { continue };
+        let mut child = copy(child);
+        if key == "limit" {
+            stated.range = ["lower", "upper"].iter().any(|bound| child.attributes.contains_key(*bound));
+            // Required by the standard, used by nobody here, and left out by some makers.
+            child.attributes.entry("velocity".to_owned()).or_insert_with(|| "0".to_owned());
+        }
+        push(&mut clean, child);
+    }
+    Ok((clean, stated))
+}
+
+fn name_of(element: &Element, file: &Path) -> Result<String, HandError> {
+    match element.attributes.get("name").map(String::as_str) {
+        Some(name) if !name.trim().is_empty() => Ok(name.to_owned()),
+        _ => Err(HandError::model(file, format!("<{}>", element.name), "a name", "none")),
+    }
+}
+
+fn copy(element: &Element) -> Element {
+    let mut copy = Element::new(&element.name);
+    copy.attributes.clone_from(&element.attributes);
+    copy
+}
+
+fn push(parent: &mut Element, child: Element) {
+    parent.children.push(xmltree::XMLNode::Element(child));
+}

@@ -1,0 +1,206 @@
+//! The MJCF of a converted robot.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Isometry3, Vector3};
+use urdf_rs::Robot;
+use xmltree::{Element, XMLNode};
+
+use super::geometry::{Assets, Geom};
+use super::inertia::Inertial;
+use super::joints::{Joint, Motion};
+use super::mimic::Mimic;
+use super::tree::Tree;
+
+/// Name that MuJoCo keeps for itself.
+const WORLD: &str = "world";
+
+/// Everything that bodies are made of, by the indices of the robot's links and joints.
+pub(super) struct Parts<'a> {
+    pub(super) robot: &'a Robot,
+    pub(super) tree: &'a Tree,
+    pub(super) joints: &'a [Joint],
+    pub(super) geoms: &'a [Vec<Geom>],
+    pub(super) inertials: &'a [Option<Inertial>],
+}
+
+impl Parts<'_> {
+    /// Writes the whole model.
+    pub(super) fn model(
+        &self,
+        groups: &[usize],
+        mimics: &[Mimic],
+        assets: &Assets,
+        notes: &mut Vec<String>,
+    ) -> Element {
+        let names = self.body_names(notes);
+        let mut model = element("mujoco", &[("model", self.robot.name.clone())]);
+        push(&mut model, element("compiler", &[("angle", "radian".to_owned())]));
+        let meshes = assets.iter().map(|(file, _)| element("mesh", &[("name", stem(file)), ("file", file.clone())]));
+        push_section(&mut model, "asset", meshes.collect());
+        // The root comes first in the order.
+        let bodies = self.tree.order.first().map(|&root| self.body(root, &names));
+        push_section(&mut model, "worldbody", bodies.into_iter().collect());
+        push_section(&mut model, "contact", self.excludes(groups, &names));
+        push_section(&mut model, "equality", mimics.iter().map(|mimic| self.equality(mimic)).collect());
+        model
+    }
+
+    fn body_names(&self, notes: &mut Vec<String>) -> Vec<String> {
+        let mut names: Vec<String> = self.robot.links.iter().map(|link| link.name.clone()).collect();
+        if let Some(at) = names.iter().position(|name| name == WORLD) {
+            let mut name = format!("{WORLD}_link");
+            while names.contains(&name) {
+                name.push('_');
+            }
+            notes.push(format!("link `{WORLD}` is called `{name}`: MuJoCo keeps the name for its own"));
+            names[at] = name;
+        }
+        names
+    }
+
+    /// Recursion is as deep as the tree, which is bounded.
+    fn body(&self, link: usize, names: &[String]) -> Element {
+        let mut body = element("body", &[("name", names[link].clone())]);
+        let joint = self.tree.joint[link].map(|j| (&self.robot.joints[j].name, &self.joints[j]));
+        if let Some((name, joint)) = joint {
+            place(&mut body, &joint.pose);
+            if joint.motion != Motion::Fixed {
+                push(&mut body, joint_element(name, joint));
+            }
+        }
+        if let Some(inertial) = &self.inertials[link] {
+            let mut of_body = element("inertial", &[]);
+            place(&mut of_body, &inertial.pose);
+            of_body.attributes.entry("pos".to_owned()).or_insert_with(|| "0 0 0".to_owned());
+            set(&mut of_body, "mass", inertial.mass.to_string());
+            set(&mut of_body, "diaginertia", vector(&inertial.moments));
+            push(&mut body, of_body);
+        }
+        for geom in &self.geoms[link] {
+            push(&mut body, geom_element(geom));
+        }
+        for &child in &self.tree.children[link] {
+            push(&mut body, self.body(child, names));
+        }
+        body
+    }
+
+    /// Excludes from contact the links of one rigid group, and those of groups that one joint connects.
+    ///
+    /// Links that touch nothing need no exclusion, and a group without geometry between two others is as if the two
+    /// were connected, as where one link carries one of two joints with crossing axes.
+    fn excludes(&self, groups: &[usize], names: &[String]) -> Vec<Element> {
+        let mut solid: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        for &link in self.tree.order.iter().filter(|&&link| !self.geoms[link].is_empty()) {
+            solid.entry(groups[link]).or_default().push(link);
+        }
+        let above = |group: usize| {
+            let mut at = self.tree.parent[group].map(|link| groups[link]);
+            while let Some(next) = at.filter(|g| !solid.contains_key(g)) {
+                at = self.tree.parent[next].map(|link| groups[link]);
+            }
+            at.and_then(|group| solid.get(&group))
+        };
+        let mut excludes = Vec::new();
+        let mut exclude = |a: usize, b: usize| {
+            excludes.push(element("exclude", &[("body1", names[a].clone()), ("body2", names[b].clone())]));
+        };
+        for (&group, links) in &solid {
+            for (i, &a) in links.iter().enumerate() {
+                links[i + 1..].iter().for_each(|&b| exclude(a, b));
+            }
+            for &a in above(group).into_iter().flatten() {
+                links.iter().for_each(|&b| exclude(a, b));
+            }
+        }
+        excludes
+    }
+
+    fn equality(&self, mimic: &Mimic) -> Element {
+        let name = |joint: usize| self.robot.joints[joint].name.clone();
+        let mut joint = element("joint", &[("joint1", name(mimic.dependent))]);
+        if let Some(driver) = mimic.driver {
+            set(&mut joint, "joint2", name(driver));
+        }
+        let slope = if mimic.driver.is_some() { mimic.multiplier } else { 0.0 };
+        set(&mut joint, "polycoef", format!("{} {slope} 0 0 0", mimic.offset));
+        joint
+    }
+}
+
+fn joint_element(name: &str, joint: &Joint) -> Element {
+    let kind = if joint.motion == Motion::Slide { "slide" } else { "hinge" };
+    let mut element = element("joint", &[("name", name.to_owned()), ("type", kind.to_owned())]);
+    set(&mut element, "axis", vector(&joint.axis));
+    set(&mut element, "limited", joint.range.is_some().to_string());
+    if let Some([lower, upper]) = joint.range {
+        set(&mut element, "range", format!("{lower} {upper}"));
+    }
+    for (key, value) in [("damping", joint.damping), ("frictionloss", joint.friction)] {
+        if let Some(value) = value {
+            set(&mut element, key, value.to_string());
+        }
+    }
+    element
+}
+
+fn geom_element(geom: &Geom) -> Element {
+    let mut element = element("geom", &[("type", geom.kind.to_owned())]);
+    if !geom.size.is_empty() {
+        let size: Vec<String> = geom.size.iter().map(f64::to_string).collect();
+        set(&mut element, "size", size.join(" "));
+    }
+    if let Some(file) = &geom.mesh {
+        set(&mut element, "mesh", stem(file));
+    }
+    place(&mut element, &geom.pose);
+    set(&mut element, "contype", "1".to_owned());
+    set(&mut element, "conaffinity", "1".to_owned());
+    // The file's inertias are all there is: MuJoCo would add its own to a link without one.
+    set(&mut element, "mass", "0".to_owned());
+    element
+}
+
+fn place(element: &mut Element, pose: &Isometry3<f64>) {
+    let position = pose.translation.vector;
+    if position != Vector3::zeros() {
+        set(element, "pos", vector(&position));
+    }
+    let q = pose.rotation;
+    if q.w.abs() != 1.0 {
+        set(element, "quat", format!("{} {} {} {}", q.w, q.i, q.j, q.k));
+    }
+}
+
+fn vector(v: &Vector3<f64>) -> String {
+    format!("{} {} {}", v.x, v.y, v.z)
+}
+
+fn stem(file: &str) -> String {
+    file.strip_suffix(".stl").unwrap_or(file).to_owned()
+}
+
+fn element(name: &str, attributes: &[(&str, String)]) -> Element {
+    let mut element = Element::new(name);
+    for (key, value) in attributes {
+        set(&mut element, key, value.clone());
+    }
+    element
+}
+
+fn set(element: &mut Element, key: &str, value: String) {
+    element.attributes.insert(key.to_owned(), value);
+}
+
+fn push(parent: &mut Element, child: Element) {
+    parent.children.push(XMLNode::Element(child));
+}
+
+fn push_section(model: &mut Element, name: &str, children: Vec<Element>) {
+    if !children.is_empty() {
+        let mut section = Element::new(name);
+        section.children = children.into_iter().map(XMLNode::Element).collect();
+        push(model, section);
+    }
+}
