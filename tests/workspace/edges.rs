@@ -27,7 +27,7 @@ const MARK: &str = "**Invariant:**";
 /// A sentence of ARCHITECTURE.md after its mark, and what it means for the sources.
 type Invariant = (&'static str, fn(&Graph));
 
-const INVARIANTS: [Invariant; 11] = [
+const INVARIANTS: [Invariant; 12] = [
     ("`hand-abi` depends on nothing.", |g| {
         assert_eq!(g.all("eigenhand-hand-abi"), BTreeSet::new());
     }),
@@ -36,6 +36,10 @@ const INVARIANTS: [Invariant; 11] = [
         lacks_word("crates/hands/src", "mujoco_sys");
         lacks_word("crates/hands/src", "mj_loadXML");
     }),
+    (
+        "`hands` opens a library only for the registry, from a place of plugins or a directory that the user named.",
+        |_| source::check_openers(),
+    ),
     ("`sim` does not know of learning, replay or synergies.", |g| {
         g.lacks("eigenhand-sim", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
     }),
@@ -69,7 +73,11 @@ const INVARIANTS: [Invariant; 11] = [
     ("`xtask` holds no logic that a test would want to call: it depends on `train` and `report` alone.", |g| {
         assert_eq!(g.internal("xtask"), ["eigenhand-report", "eigenhand-train"].map(str::to_owned).into());
     }),
-    ("`unsafe` code lives only in `crates/sim/src/ffi`.", |_| source::check_fences()),
+    (
+        "`unsafe` code lives only in `crates/sim/src/ffi`, `crates/hands/src/compiled/library.rs` and \
+         `crates/hand-abi/src`; a compiled plugin has none but the export that a macro writes.",
+        |_| source::check_fences(),
+    ),
     ("No generic crate names a joint, an actuator or a body of any hand.", |_| source::check_names()),
 ];
 

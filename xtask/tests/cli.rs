@@ -45,10 +45,11 @@ fn run(arguments: &[&str]) -> Output {
     xtask().args(arguments).output().unwrap()
 }
 
-/// Name of a hand that the workspace has.
+/// Name of a hand that the workspace has, as files that a test can copy and change.
 fn hand() -> String {
     let hands = json(&run(&["hands", "list", "--json"]));
-    hands[0]["name"].as_str().unwrap().to_owned()
+    let written = |hand: &&Value| Path::new(hand["directory"].as_str().unwrap()).join("hand.toml").is_file();
+    hands.as_array().unwrap().iter().find(written).unwrap()["name"].as_str().unwrap().to_owned()
 }
 
 /// Starts the arguments of a tiny run.

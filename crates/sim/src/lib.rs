@@ -1,4 +1,5 @@
 //! MuJoCo, scenes of a hand with an object, and the grasp task as an environment.
+#![deny(unsafe_code)]
 
 pub mod contract;
 mod env;

@@ -1,4 +1,5 @@
 //! The fence around MuJoCo's C API: every `unsafe` of this crate lies in this folder.
+#![allow(unsafe_code)]
 
 #[rustfmt::skip]
 mod bindings;
