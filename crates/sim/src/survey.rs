@@ -126,8 +126,10 @@ pub fn survey(
     };
     let chains = chains(&model, palm)?;
     let mut lab = Lab::new(&model, palm)?;
-    let poses = lab.random_postures(chains)?;
+    let mut poses = lab.random_postures(chains)?;
     lab.approach(&poses, hints.approach)?;
+    lab.leave_out_guides(&mut poses);
+    lab.straighten(&poses);
     let closing = lab.closing(&poses)?;
     let open = lab.open(&closing)?;
     lab.report(&poses, closing, open, &touching)
@@ -141,6 +143,8 @@ struct Chain {
     tip_body: BodyId,
     /// The tip in the body's frame.
     tip: Vector3<f64>,
+    /// Whether every joint of the finger follows another one.
+    follows: bool,
 }
 
 /// One posture, in the palm's frame.
@@ -281,7 +285,9 @@ fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bodies: Vec<B
         })
         .max_by(|a, b| (a.1 - base).norm().total_cmp(&(b.1 - base).norm()))?;
     let tip = data.body_orientation(body).inverse_transform_vector(&(point - data.body_position(body)));
-    Some(Chain { first_joint, tip_body: body, tip })
+    let following = model.following_joints();
+    let follows = model.joints().filter(|&j| bodies.contains(&model.joint_body(j))).all(|j| following.contains(&j));
+    Some(Chain { first_joint, tip_body: body, tip, follows })
 }
 
 /// Where a finger begins: the axis of a joint that turns, the middle of the palm for one that slides.
@@ -382,24 +388,26 @@ impl<'a> Lab<'a> {
             let tips = self.take(&controls)?;
             poses.push(Pose { controls, tips });
         }
-        self.straight = (0..self.chains.len())
-            .map(|f| {
-                let base = self.base(&self.chains[f]);
-                let length = |pose: &Pose| (pose.tips[f] - base).norm();
-                let longest = (0..poses.len()).max_by(|&a, &b| length(&poses[a]).total_cmp(&length(&poses[b])));
-                longest.map_or((0.0, 0), |at| (length(&poses[at]), at))
-            })
-            .collect();
         Ok(poses)
+    }
+
+    /// The mean place of a fingertip.
+    fn mean_tip(poses: &[Pose], finger: usize) -> Vector3<f64> {
+        poses.iter().map(|pose| pose.tips[finger]).sum::<Vector3<f64>>() / poses.len().max(1) as f64
+    }
+
+    /// Length of a finger in a posture.
+    fn length(&self, finger: usize, pose: &Pose) -> f64 {
+        (pose.tips[finger] - self.base(&self.chains[finger])).norm()
     }
 
     /// The hand approaches where its fingers reach on average, over all that they can do.
     fn approach(&mut self, poses: &[Pose], hint: Option<[f64; 3]>) -> Result<(), SimError> {
-        let n = poses.len().max(1) as f64;
-        let means: Vec<Vector3<f64>> =
-            (0..self.chains.len()).map(|f| poses.iter().map(|pose| pose.tips[f]).sum::<Vector3<f64>>() / n).collect();
         let outward: Vector3<f64> = (0..self.chains.len())
-            .map(|f| (means[f] - self.base(&self.chains[f])) / self.straight[f].0.max(1e-6))
+            .map(|f| {
+                let reach = poses.iter().map(|pose| self.length(f, pose)).fold(1e-6, f64::max);
+                (Self::mean_tip(poses, f) - self.base(&self.chains[f])) / reach
+            })
             .sum();
         let direction = match hint {
             Some(given) => Vector3::from(given),
@@ -408,8 +416,43 @@ impl<'a> Lab<'a> {
         self.approach = direction.try_normalize(1e-6).ok_or_else(|| {
             refuse("the direction of approach cannot be made out; name it with --approach, such as --approach +z")
         })?;
-        self.grasp = means.iter().sum::<Vector3<f64>>() / means.len().max(1) as f64;
         Ok(())
+    }
+
+    /// Leaves out links that only guide a finger beside them: they follow other joints, and end far behind the tips.
+    fn leave_out_guides(&mut self, poses: &mut [Pose]) {
+        const SHORT: f64 = 0.75;
+        let forward: Vec<f64> = (0..self.chains.len())
+            .map(|f| poses.iter().map(|pose| pose.tips[f].dot(&self.approach)).fold(f64::NEG_INFINITY, f64::max))
+            .collect();
+        let bases = self.chains.iter().map(|chain| self.base(chain).dot(&self.approach));
+        let palm = bases.fold(f64::INFINITY, f64::min);
+        let longest = forward.iter().copied().fold(f64::NEG_INFINITY, f64::max) - palm;
+        let stays: Vec<bool> =
+            self.chains.iter().zip(&forward).map(|(c, &f)| !c.follows || f - palm >= SHORT * longest).collect();
+        let mut at = stays.iter();
+        self.chains.retain(|_| at.next().copied().unwrap_or(true));
+        for pose in poses {
+            let mut at = stays.iter();
+            pose.tips.retain(|_| at.next().copied().unwrap_or(true));
+        }
+    }
+
+    /// Finds where the fingers meet, and a posture in which each is straight and as far from there as it can be.
+    fn straighten(&mut self, poses: &[Pose]) {
+        const NEARLY: f64 = 0.97;
+        let n_fingers = self.chains.len();
+        self.grasp = (0..n_fingers).map(|f| Self::mean_tip(poses, f)).sum::<Vector3<f64>>() / n_fingers.max(1) as f64;
+        self.straight = (0..n_fingers)
+            .map(|f| {
+                let longest = poses.iter().map(|pose| self.length(f, pose)).fold(0.0, f64::max);
+                let away = |&i: &usize| (poses[i].tips[f] - self.grasp).norm();
+                let farthest = (0..poses.len())
+                    .filter(|&i| self.length(f, &poses[i]) >= NEARLY * longest)
+                    .max_by(|a, b| away(a).total_cmp(&away(b)));
+                (longest, farthest.unwrap_or(0))
+            })
+            .collect();
     }
 
     /// Tells which way each actuator brings the tips of straight fingers nearer to the grasp.

@@ -43,6 +43,17 @@ impl Model {
         bits(self.get().geom_contype) != 0 || bits(self.get().geom_conaffinity) != 0
     }
 
+    /// Lists the joints that an equality makes follow another one.
+    pub fn following_joints(&self) -> Vec<JointId> {
+        let raw = self.get();
+        let (kinds, first, second) =
+            (self.ints(raw.eq_type, raw.neq), self.ints(raw.eq_obj1id, raw.neq), self.ints(raw.eq_obj2id, raw.neq));
+        (0..kinds.len())
+            .filter(|&i| kinds[i] == mj::mjEQ_JOINT as i32 && second[i] >= 0)
+            .map(|i| JointId(first[i].max(0) as usize))
+            .collect()
+    }
+
     /// Lists the pairs of bodies that an active equality ties together at a point or in a pose.
     pub fn tied_bodies(&self) -> Vec<(BodyId, BodyId)> {
         let raw = self.get();
