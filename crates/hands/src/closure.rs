@@ -69,7 +69,7 @@ pub(crate) fn mesh_path(written: &str, compiler: &Compiler, file: &Path) -> Path
 /// Reads a file that an element of the model names.
 pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Vec<u8>, HandError> {
     if !path.is_file() {
-        let name = asset.attributes.get("name").map_or(String::new(), |name| format!(" `{name}`"));
+        let name = asset.attributes.get("name").map_or(String::new(), |name| format!(" {name}"));
         return Err(HandError::MissingFile {
             file: file.to_path_buf(),
             key: format!("{}{name}", asset.name),

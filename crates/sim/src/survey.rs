@@ -438,9 +438,9 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// Finds where the fingers meet, and a posture in which each is straight and as far from there as it can be.
+    /// Finds where the fingers meet, and a posture in which each is nearly straight and as far from there as it can be.
     fn straighten(&mut self, poses: &[Pose]) {
-        const NEARLY: f64 = 0.97;
+        const NEARLY: f64 = 0.85;
         let n_fingers = self.chains.len();
         self.grasp = (0..n_fingers).map(|f| Self::mean_tip(poses, f)).sum::<Vector3<f64>>() / n_fingers.max(1) as f64;
         self.straight = (0..n_fingers)

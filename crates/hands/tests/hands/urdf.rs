@@ -62,12 +62,28 @@ impl Robot {
         self.directory.path().join("urdf/robot.urdf")
     }
 
-    fn import(&self) -> Result<Imported, HandError> {
-        import(&self.file(), &ImportOptions::default(), &mut Vec::new())
+    fn import(&self) -> Result<Converted, HandError> {
+        let (imported, notes) = read(&self.file());
+        imported.map(|imported| Converted { imported, notes })
     }
 }
 
-fn convert(urdf: &str) -> Imported {
+/// A model and what was said while it was read.
+#[derive(Debug)]
+struct Converted {
+    imported: Imported,
+    notes: Vec<String>,
+}
+
+impl std::ops::Deref for Converted {
+    type Target = Imported;
+
+    fn deref(&self) -> &Imported {
+        &self.imported
+    }
+}
+
+fn convert(urdf: &str) -> Converted {
     Robot::new(urdf).import().unwrap()
 }
 
@@ -99,8 +115,8 @@ fn numbers(element: &Element, key: &str) -> Vec<f64> {
     element.attributes[key].split_whitespace().map(|w| w.parse().unwrap()).collect()
 }
 
-fn has_note(imported: &Imported, words: &[&str]) -> bool {
-    imported.notes.iter().any(|note| words.iter().all(|word| note.contains(word)))
+fn has_note(converted: &Converted, words: &[&str]) -> bool {
+    converted.notes.iter().any(|note| words.iter().all(|word| note.contains(word)))
 }
 
 #[track_caller]
@@ -128,7 +144,7 @@ fn a_finger_keeps_its_links_joints_and_numbers() {
     assert_close(&numbers(body(&imported, "palm").get_child("geom").unwrap(), "size"), &[0.04, 0.01, 0.05]);
     assert_close(&numbers(body(&imported, "proximal").get_child("geom").unwrap(), "size"), &[0.01, 0.02]);
     assert!(!body(&imported, "distal").get_child("joint").unwrap().attributes.contains_key("damping"));
-    assert_eq!(imported.efforts.into_iter().collect::<Vec<_>>(), [("base".to_owned(), 2.5)]);
+    assert_eq!(imported.imported.efforts.into_iter().collect::<Vec<_>>(), [("base".to_owned(), 2.5)]);
 }
 
 #[test]
@@ -387,7 +403,7 @@ fn meshes_of_one_name_are_two_assets() {
     let robot = Robot::new(&files);
     robot.write("a/part.OBJ", TETRAHEDRON.as_bytes());
     robot.write("b/part.OBJ", TETRAHEDRON.replace("v 0 0 1", "v 0 0 2").as_bytes());
-    let assets = robot.import().unwrap().assets;
+    let assets = robot.import().unwrap().imported.assets;
     assert_eq!(assets.len(), 2);
     assert_ne!(assets[0].0, assets[1].0);
     assert!((volume(&assets[0].1) - volume(&assets[1].1)).abs() > 0.1);
@@ -399,7 +415,7 @@ fn stl_is_read_in_both_forms() {
         facet normal 0 0 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 0 1\nendloop\nendfacet\nendsolid\n";
     let robot = Robot::new(&with_mesh("<mesh filename=\"tip.stl\"/>"));
     robot.write("urdf/tip.stl", text.as_bytes());
-    let first = robot.import().unwrap().assets;
+    let first = robot.import().unwrap().imported.assets;
     robot.write("urdf/tip.stl", &first[0].1);
     assert_eq!(robot.import().unwrap().assets, first, "what was written reads as the same");
     robot.write("urdf/tip.stl", &first[0].1[..150]);
@@ -437,7 +453,7 @@ fn collada_is_read_in_metres_with_its_nodes() {
       <scene><instance_visual_scene url="#s"/></scene></COLLADA>"##;
     let robot = Robot::new(&with_mesh("<mesh filename=\"tip.dae\"/>"));
     robot.write("urdf/tip.dae", dae.as_bytes());
-    let assets = robot.import().unwrap().assets;
+    let assets = robot.import().unwrap().imported.assets;
     assert!((volume(&assets[0].1) - 1e-6 / 6.0).abs() < 1e-11);
     let points: Vec<_> = triangles(&assets[0].1).into_iter().flatten().collect();
     assert!(points.iter().all(|p| p.z > 0.099 && p.x < 1e-6 && p.x > -0.0101), "lifted, turned and in metres");
