@@ -95,7 +95,7 @@ pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
 }
 
 /// Refuses text whose nesting would exhaust the stack of the recursive parser.
-pub(crate) fn check_depth(text: &str) -> Result<(), String> {
+fn check_depth(text: &str) -> Result<(), String> {
     let mut depth = 0_usize;
     let mut rest = text;
     while let Some(start) = rest.find('<') {

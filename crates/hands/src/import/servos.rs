@@ -34,6 +34,9 @@ const TRAVEL: f64 = 0.1;
 /// Adds servos where the model has no actuator, damping and armature where its joints have none, and control ranges
 /// where its actuators have none.
 pub(super) fn complete(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    if Joints::read(&imported.model, file)?.0.is_empty() {
+        return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));
+    }
     if section(&imported.model, "actuator").next().is_none() {
         add(imported, file, notes)?;
     } else {

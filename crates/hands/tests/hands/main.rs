@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod actuation;
+mod additions;
 mod broken;
 mod compiled;
 mod fixture;

@@ -156,6 +156,13 @@ fn a_fixed_tip_stays_a_body_without_joint_and_mass() {
 }
 
 #[test]
+fn an_inertial_outside_of_its_link_is_said() {
+    let imported = convert(&FINGER.replace("</robot>", "<inertial><mass value=\"1.3\"/></inertial></robot>"));
+    assert!(has_note(&imported, &["outside of links and joints", "<inertial>"]));
+    assert!(!has_note(&convert(FINGER), &["outside"]));
+}
+
+#[test]
 fn mimic_becomes_an_equality_with_the_driver() {
     let imported = convert(FINGER);
     let equality = all(imported.model.get_child("equality").unwrap(), "joint");
@@ -299,8 +306,8 @@ fn broken_trees_are_refused() {
         (robot(&[link("a"), link("b"), link("c"), joint("j", "a", "c"), joint("k", "b", "c")]), "`j` and `k`"),
         (robot(&[link("a"), link("a")]), "link `a`"),
         (robot(&[]), "<link>"),
-        ("<mujoco/>".to_owned(), "<mujoco>"),
-        ("".to_owned(), "XML"),
+        ("<mujoco/>".to_owned(), "at least one joint"),
+        ("".to_owned(), "no element"),
     ];
     for (urdf, expected) in cases {
         let message = refusal(&urdf);

@@ -20,8 +20,9 @@ const ROUNDING: f64 = 1e-3;
 /// Density of a link of which the file tells no mass (kg/m3), in half of the box that holds it.
 const DENSITY: f64 = 1000.0;
 const FILLED: f64 = 0.5;
-/// Bounds of such a mass, and the mass and radius of one that has no geometry either (kg, m).
+/// Bounds of such a mass (kg) and of the sides of that box (m), and the mass and radius where there is no geometry either.
 const MASSES: (f64, f64) = (0.005, 0.5);
+const MIN_SIDE: f64 = 0.002;
 const DEFAULT_MASS: f64 = 0.01;
 const DEFAULT_RADIUS: f64 = 0.01;
 
@@ -148,7 +149,7 @@ fn from_geometry(geoms: &[Geom]) -> Inertial {
         let moments = ball(DEFAULT_MASS, DEFAULT_RADIUS);
         return Inertial { mass: DEFAULT_MASS, pose: Isometry3::identity(), moments };
     };
-    let size = high - low;
+    let size = (high - low).map(|side| side.max(MIN_SIDE));
     let mass = (DENSITY * FILLED * size.product()).clamp(MASSES.0, MASSES.1);
     let squares = size.component_mul(&size);
     let moments = squares.map(|own| mass / 12.0 * (squares.sum() - own));

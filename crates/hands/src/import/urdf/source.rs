@@ -126,7 +126,7 @@ fn refuse_xacro_tags(text: &str, file: &Path) -> Result<(), HandError> {
         }
         let tag = &rest[..rest.find('>').unwrap_or(rest.len())];
         if let Some(word) = tag.split_whitespace().find(|w| w.starts_with("<xacro:") || w.starts_with("xacro:")) {
-            return Err(xacro(file, format!("`{word}`")));
+            return Err(xacro(file, format!("`{}`", word.trim_matches(['<', '/']))));
         }
         rest = &rest[1..];
     }
@@ -168,11 +168,21 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
     if clean.has_inertial.is_empty() {
         return Err(HandError::model(file, "<robot>", "at least one <link>", "none"));
     }
-    if !clean.ghosts.is_empty() {
-        let names = super::list(&clean.ghosts);
-        notes.push(format!("links that are seen but have no collision geometry touch nothing: {names}"));
-    }
+    super::note(notes, "links that are seen but have no collision geometry touch nothing", &clean.ghosts);
+    super::note(notes, "elements that stand outside of links and joints were left out", &strays(root));
     Ok(clean)
+}
+
+/// Lists what a maker may have meant for a link: an `<inertial>` that slipped out of its link is easily overlooked.
+fn strays(root: &Element) -> Vec<String> {
+    const KNOWN: [&str; 5] = ["link", "joint", "material", "transmission", "gazebo"];
+    let mut names: Vec<String> = elements(root)
+        .filter(|e| e.namespace.is_none() && !KNOWN.contains(&e.name.as_str()))
+        .map(|e| format!("<{}>", e.name))
+        .collect();
+    names.sort();
+    names.dedup();
+    names
 }
 
 impl Clean {
