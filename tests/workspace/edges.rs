@@ -16,7 +16,8 @@ const ALLOWED: [(&str, &[&str]); 8] = [
     ("eigenhand-synergy", &[]),
     ("eigenhand-train", &["eigenhand-hands", "eigenhand-sim", "eigenhand-rl", "eigenhand-synergy"]),
     ("eigenhand-report", &["eigenhand-synergy", "eigenhand-train"]),
-    ("xtask", &["eigenhand-train", "eigenhand-report"]),
+    // It names the compiled plugin so that its library is built beside the program, and uses nothing of it.
+    ("xtask", &["eigenhand-train", "eigenhand-report", "eigenhand-hand-parametric"]),
 ];
 
 /// The package that may see all others, because it tests them together.
@@ -70,8 +71,9 @@ const INVARIANTS: [Invariant; 12] = [
             lacks_word("crates/report/src", word);
         }
     }),
-    ("`xtask` holds no logic that a test would want to call: it depends on `train` and `report` alone.", |g| {
-        assert_eq!(g.internal("xtask"), ["eigenhand-report", "eigenhand-train"].map(str::to_owned).into());
+    ("`xtask` holds no logic that a test would want to call: it uses `train` and `report` alone.", |g| {
+        g.lacks("xtask", &["eigenhand-hands", "eigenhand-sim", "eigenhand-rl", "eigenhand-synergy"]);
+        lacks_word("xtask/src", "eigenhand_hand_parametric");
     }),
     (
         "`unsafe` code lives only in `crates/sim/src/ffi`, `crates/hands/src/compiled/library.rs` and \

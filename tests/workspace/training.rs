@@ -315,7 +315,7 @@ fn noise_that_has_fallen_to_nothing_is_no_noise() {
     let policy = |changes: &[&str]| {
         let run = Run::new(gripper());
         run.train(&tiny(&[&["exploration.noise_free_share=0", "lambda=0"], changes].concat()));
-        run.bytes("policy.safetensors")
+        run.bytes(&format!("{LAST}/learner.safetensors"))
     };
     let without = policy(&["exploration.noise_sigma=0", "exploration.random_probability=0"]);
     assert!(policy(&["training.noise_decay=[0, 0]", "training.final_noise=0"]) == without);

@@ -1,0 +1,76 @@
+//! Meshes and materials.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use xmltree::Element;
+
+use super::{attribute, elements_mut};
+use crate::closure;
+use crate::error::HandError;
+use crate::mjcf::{Compiler, Defaults};
+
+/// Reads the meshes, gives every file a name of its own, and writes what its class gives an asset onto the asset.
+pub(super) fn assets(
+    root: &mut Element,
+    defaults: &Defaults,
+    compiler: &Compiler,
+    file: &Path,
+    notes: &mut Vec<String>,
+) -> Result<Vec<(String, Vec<u8>)>, HandError> {
+    let mut kept: Vec<(String, Vec<u8>)> = Vec::new();
+    let mut names: BTreeMap<PathBuf, String> = BTreeMap::new();
+    let mut looks = 0;
+    for section in elements_mut(root).filter(|e| e.name == "asset") {
+        let before = section.children.len();
+        section.children.retain(|n| n.as_element().is_some_and(|e| matches!(e.name.as_str(), "mesh" | "material")));
+        looks += before - section.children.len();
+        for asset in elements_mut(section) {
+            let resolved = defaults.resolve(asset, None, file)?;
+            asset.attributes.shift_remove("class");
+            asset.attributes.shift_remove("texture");
+            for key in ["scale", "emission", "specular", "shininess", "reflectance", "rgba"] {
+                if let Some(value) = resolved.text(key) {
+                    asset.attributes.insert(key.to_owned(), value.to_owned());
+                }
+            }
+            let Some(written) = attribute(asset, "file").map(str::to_owned) else { continue };
+            if attribute(asset, "name").is_none() {
+                let stem = Path::new(&written).file_stem().unwrap_or_default().to_string_lossy().into_owned();
+                asset.attributes.insert("name".to_owned(), stem);
+            }
+            let path = closure::mesh_path(&written, compiler, file);
+            if !names.contains_key(&path) {
+                let bytes = closure::read_asset(&path, asset, file)?;
+                let name = free_name(&written, &kept);
+                kept.push((name.clone(), bytes));
+                names.insert(path.clone(), name);
+            }
+            asset.attributes.insert("file".to_owned(), names[&path].clone());
+        }
+    }
+    for folder in elements_mut(root).filter(|e| e.name == "compiler") {
+        for key in ["meshdir", "texturedir", "assetdir", "strippath"] {
+            folder.attributes.shift_remove(key);
+        }
+    }
+    if looks > 0 {
+        notes.push(format!("{looks} textures, skins and height fields are left out: they are looks, not the hand"));
+    }
+    Ok(kept)
+}
+
+/// Returns a plain file name like the written one that no kept file has, whatever the case of its letters.
+fn free_name(written: &str, kept: &[(String, Vec<u8>)]) -> String {
+    let path = Path::new(written);
+    let plain = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };
+    let stem: String = path.file_stem().unwrap_or_default().to_string_lossy().chars().map(plain).collect();
+    let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
+    let mut name = format!("{stem}.{extension}");
+    let mut count = 1;
+    while kept.iter().any(|(known, _)| known.eq_ignore_ascii_case(&name)) {
+        count += 1;
+        name = format!("{stem}_{count}.{extension}");
+    }
+    name
+}

@@ -1,0 +1,121 @@
+//! Names that refer to parts of the hand.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use xmltree::Element;
+
+use super::{attribute, each_in_world, elements_mut};
+use crate::error::HandError;
+use crate::mjcf::elements;
+
+/// Sections in which an element names others.
+const REFERRING: [&str; 4] = ["contact", "equality", "tendon", "actuator"];
+/// Attributes that name bodies, geoms, sites and joints, with the kind of what they name.
+const REFERENCES: [(&str, &str); 16] = [
+    ("body", "body"),
+    ("body1", "body"),
+    ("body2", "body"),
+    ("geom", "geom"),
+    ("geom1", "geom"),
+    ("geom2", "geom"),
+    ("sidesite", "site"),
+    ("site", "site"),
+    ("site1", "site"),
+    ("site2", "site"),
+    ("refsite", "site"),
+    ("cranksite", "site"),
+    ("slidersite", "site"),
+    ("joint", "joint"),
+    ("joint1", "joint"),
+    ("joint2", "joint"),
+];
+/// Leaves out what refers to parts that were left out.
+pub(super) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
+    let mut known: BTreeSet<(String, String)> = BTreeSet::new();
+    let _: Result<(), ()> = each_in_world(root, &mut |element, _| {
+        if let Some(name) = attribute(element, "name") {
+            known.insert((element.name.clone(), name.to_owned()));
+        }
+        Ok(())
+    });
+    known.insert(("body".to_owned(), "world".to_owned()));
+    let refers_well = |e: &Element| {
+        REFERENCES.iter().all(|(key, kind)| {
+            attribute(e, key).is_none_or(|name| known.contains(&((*kind).to_owned(), name.to_owned())))
+        })
+    };
+    let mut dropped = 0;
+    let mut tendons = BTreeSet::new();
+    for section in elements_mut(root).filter(|e| e.name == "tendon") {
+        section.children.retain(|node| {
+            let keep = node.as_element().is_some_and(|tendon| elements(tendon).all(refers_well));
+            dropped += usize::from(!keep);
+            keep
+        });
+        tendons.extend(elements(section).filter_map(|t| t.attributes.get("name").cloned()));
+    }
+    for section in elements_mut(root).filter(|e| REFERRING.contains(&e.name.as_str()) && e.name != "tendon") {
+        section.children.retain(|node| {
+            let keep = node.as_element().is_some_and(|e| {
+                let named = ["tendon", "tendon1", "tendon2"].iter().filter_map(|key| attribute(e, key));
+                refers_well(e) && named.into_iter().all(|name| tendons.contains(name))
+            });
+            dropped += usize::from(!keep);
+            keep
+        });
+    }
+    if dropped > 0 {
+        notes.push(format!(
+            "{dropped} equalities, tendons, actuators or contact pairs refer to parts that are left out"
+        ));
+    }
+}
+
+/// Writes connections between sites as connections between their bodies.
+pub(super) fn connections(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    fn sites<'a>(parent: &'a Element, found: &mut BTreeMap<String, (&'a Element, &'a str)>) {
+        for child in elements(parent) {
+            match child.name.as_str() {
+                "site" => {
+                    let body = attribute(parent, "name").unwrap_or("world");
+                    found.extend(attribute(child, "name").map(|name| (name.to_owned(), (child, body))));
+                }
+                "body" | "worldbody" => sites(child, found),
+                _ => {}
+            }
+        }
+    }
+    let tree = root.clone();
+    let mut known = BTreeMap::new();
+    sites(&tree, &mut known);
+    let mut changed = 0;
+    for section in elements_mut(root).filter(|e| e.name == "equality") {
+        for connect in elements_mut(section).filter(|e| e.name == "connect") {
+            for (site_key, body_key) in [("site1", "body1"), ("site2", "body2")] {
+                let Some(name) = connect.attributes.shift_remove(site_key) else { continue };
+                let Some((site, body)) = known.get(&name) else {
+                    return Err(HandError::unresolved(
+                        file,
+                        format!("connect {site_key}"),
+                        "a site of the model",
+                        &name,
+                        known.keys().map(String::as_str),
+                    ));
+                };
+                connect.attributes.insert(body_key.to_owned(), (*body).to_owned());
+                if site_key == "site1" {
+                    let anchor = attribute(site, "pos").unwrap_or("0 0 0");
+                    connect.attributes.insert("anchor".to_owned(), anchor.to_owned());
+                }
+                changed += 1;
+            }
+        }
+    }
+    if changed > 0 {
+        notes.push(
+            "connections between sites, newer than MuJoCo 2.2.2, are written as connections between bodies".to_owned(),
+        );
+    }
+    Ok(())
+}
