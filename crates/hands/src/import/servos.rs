@@ -51,6 +51,7 @@ fn limit(effort: Option<&f64>, [least, most]: [f64; 2], usual: f64) -> f64 {
 
 fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let joints = Joints::read(&imported.model, file)?;
+    let damping = damping(&mut imported.model, file)?;
     let dependent: BTreeSet<&String> = section(&imported.model, "equality")
         .filter(|e| e.name == "joint" && e.attributes.contains_key("joint2"))
         .filter_map(|e| e.attributes.get("joint1"))
@@ -69,11 +70,13 @@ fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<
             assumed += 1
         }
         let (low, high) = joint.range.unwrap_or((-half, half));
+        // Against much damping a soft servo would not arrive within an episode.
+        let kp = (force / error).max(damping.get(&joint.name).copied().unwrap_or(0.0) / TIME_CONSTANT);
         let mut servo = Element::new("position");
         for (key, value) in [
             ("name", joint.name.clone()),
             ("joint", joint.name.clone()),
-            ("kp", round(force / error).to_string()),
+            ("kp", round(kp).to_string()),
             ("ctrllimited", "true".to_owned()),
             ("ctrlrange", format!("{low} {high}")),
             ("forcelimited", "true".to_owned()),
@@ -92,6 +95,20 @@ fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<
     Ok(())
 }
 
+/// Reads the damping of each joint.
+fn damping(root: &mut Element, file: &Path) -> Result<BTreeMap<String, f64>, HandError> {
+    let defaults = Defaults::read(root, file)?;
+    let mut found = BTreeMap::new();
+    each_in_world(root, &mut |element, class| {
+        if let Some(name) = element.attributes.get("name").filter(|_| element.name == "joint") {
+            let value = defaults.resolve(element, class, file)?.number("damping")?.unwrap_or(0.0);
+            found.insert(name.clone(), value);
+        }
+        Ok::<(), HandError>(())
+    })?;
+    Ok(found)
+}
+
 /// Gives damping and armature to the joints of a model in which none has damping.
 fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let defaults = Defaults::read(root, file)?;
@@ -102,17 +119,11 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
             stiffness.insert(joint.to_owned(), kp);
         }
     }
-    let (mut damped, mut joints) = (false, 0);
-    each_in_world(root, &mut |element, class| {
-        if element.name == "joint" {
-            damped |= defaults.resolve(element, class, file)?.number("damping")?.unwrap_or(0.0) > 0.0;
-            joints += 1;
-        }
-        Ok::<(), HandError>(())
-    })?;
-    if damped {
+    let damping = damping(root, file)?;
+    if damping.values().any(|value| *value > 0.0) {
         return Ok(());
     }
+    let joints = damping.len();
     each_in_world(root, &mut |element, class| {
         if element.name != "joint" {
             return Ok(());
