@@ -206,6 +206,7 @@ impl Hand {
         let fingertips = resolve::frames(&manifest, &contents, &manifest_path)?;
         let posture = resolve::posture(&manifest, &contents, &manifest_path)?;
         resolve::check_open_posture(&manifest, &contents, &manifest_path)?;
+        resolve::check_closing(&manifest, &contents, &manifest_path)?;
         Ok(Self {
             directory: directory.to_path_buf(),
             model_directory: model_path.parent().unwrap_or(directory).to_path_buf(),

@@ -56,6 +56,9 @@ pub struct HandManifest {
     /// Joint values at the start of an episode (rad, m); a joint that is missing starts at 0, or at the limit nearest to 0.
     #[serde(default)]
     pub open_posture: BTreeMap<String, f64>,
+    /// Which way actuators close the hand: 1 at the upper end of their range, -1 at the lower; those left out do neither.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub closing: BTreeMap<String, f64>,
     /// The objects to grasp.
     #[serde(default)]
     pub objects: Objects,
@@ -258,6 +261,11 @@ impl HandManifest {
             if let Some([low, high]) = actuator.control_range.filter(|[low, high]| low >= high) {
                 let key = format!("actuators[{i}].control_range");
                 return Err(HandError::invalid(file, &key, "two numbers, the lower first", format!("[{low}, {high}]")));
+            }
+        }
+        for (actuator, &sign) in &self.closing {
+            if sign != 1.0 && sign != -1.0 {
+                return Err(HandError::invalid(file, &format!("closing.{actuator}"), "1 or -1", sign));
             }
         }
         for directory in self.packages.values() {

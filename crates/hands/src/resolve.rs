@@ -72,6 +72,23 @@ pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path)
     names.iter().enumerate().map(find).collect()
 }
 
+/// Checks that what closes the hand are actuators of the model.
+pub(crate) fn check_closing(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<(), HandError> {
+    for name in manifest.closing.keys() {
+        if !contents.actuators.iter().any(|actuator| actuator.name == *name) {
+            let known = contents.actuators.iter().map(|actuator| actuator.name.as_str());
+            return Err(HandError::unresolved(
+                file,
+                format!("closing.{name}"),
+                "an actuator of the model",
+                name,
+                known,
+            ));
+        }
+    }
+    Ok(())
+}
+
 /// Checks that the open posture names joints and keeps to their ranges.
 pub(crate) fn check_open_posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<(), HandError> {
     for (name, &value) in &manifest.open_posture {

@@ -65,6 +65,7 @@ const KEYS: &[KeyInfo] = &[
     key("slide.armature", false, Kind::Number, "a number >= 0 (kg)"),
     key("slide.rise_speed", false, Kind::Number, "a positive number (m/s)"),
     key("open_posture", false, Kind::NumberMap, "a table of joint name = value"),
+    key("closing", false, Kind::NumberMap, "a table of actuator name = 1 or -1"),
     key("objects", false, Kind::Table, "a table [objects]"),
     key("objects.scale", false, Kind::Number, "a positive number"),
     key("actuators", false, Kind::Tables, "tables [[actuators]]"),

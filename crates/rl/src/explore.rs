@@ -31,6 +31,24 @@ pub struct ExplorationConfig {
     /// Factor on the mean hold of each action dimension; empty means 1 for all. A dimension that is held longer starts its
     /// random actions more seldom in the same proportion. Default empty.
     pub hold_scale: Vec<f32>,
+    /// Probability that a random action is a coordinated one, where dimensions have a [`Coordination`]. Default 0.5
+    /// (measured).
+    pub coordinated_probability: f32,
+    /// What each dimension does in a coordinated action; empty: there are none. The caller knows what dimensions mean.
+    #[serde(skip)]
+    pub coordination: Vec<Coordination>,
+}
+
+/// What a dimension does in a coordinated random action.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Coordination {
+    /// It draws for itself, as in every other random action.
+    #[default]
+    Free,
+    /// It follows a value that its group shares, times this sign.
+    Together(f32),
+    /// It goes to one end of its range.
+    Ends,
 }
 
 impl Default for ExplorationConfig {
@@ -43,6 +61,8 @@ impl Default for ExplorationConfig {
             random_hold_steps: 5.0,
             warmup_hold_steps: 5.0,
             hold_scale: Vec::new(),
+            coordinated_probability: 0.5,
+            coordination: Vec::new(),
         }
     }
 }
@@ -81,6 +101,7 @@ impl ExplorationConfig {
         let steps = |field, n: f32| check(field, n, n.is_finite() && n >= 1.0, "a number of at least 1");
         probability("noise_free_share", self.noise_free_share)?;
         probability("random_probability", self.random_probability)?;
+        probability("coordinated_probability", self.coordinated_probability)?;
         steps("random_hold_steps", self.random_hold_steps)?;
         steps("warmup_hold_steps", self.warmup_hold_steps)?;
         let (sigma, correlation) = (self.noise_sigma, self.noise_correlation);
@@ -92,9 +113,15 @@ impl ExplorationConfig {
         if !self.hold_scale.is_empty() && self.hold_scale.len() != act_dim {
             return Err(RlError::Length { name: "hold_scale", expected: act_dim, got: self.hold_scale.len() });
         }
+        if !self.coordination.is_empty() && self.coordination.len() != act_dim {
+            return Err(RlError::Length { name: "coordination", expected: act_dim, got: self.coordination.len() });
+        }
         Ok(())
     }
 }
+
+/// How far a dimension may be from the value that its group shares.
+const SPREAD: f32 = 0.15;
 
 /// Dimensions whose random actions begin and end together.
 #[derive(Clone, Debug)]
@@ -113,12 +140,22 @@ pub struct Exploration {
     noise: Vec<f32>,
     held: Vec<f32>,
     groups: Vec<HoldGroup>,
+    coordinated_probability: f32,
+    coordination: Vec<Coordination>,
 }
 
 impl Exploration {
     /// Leaves every action as it is.
     pub fn none() -> Self {
-        Self { sigma: 0.0, correlation: 0.0, noise: Vec::new(), held: Vec::new(), groups: Vec::new() }
+        Self {
+            sigma: 0.0,
+            correlation: 0.0,
+            noise: Vec::new(),
+            held: Vec::new(),
+            groups: Vec::new(),
+            coordinated_probability: 0.0,
+            coordination: Vec::new(),
+        }
     }
 
     /// Begins a noisy episode.
@@ -133,6 +170,8 @@ impl Exploration {
             noise: (0..act_dim).map(|_| sigma * rng.sample::<f32, _>(StandardNormal)).collect(),
             held: vec![0.0; act_dim],
             groups: groups(config, act_dim, config.random_probability, config.random_hold_steps),
+            coordinated_probability: config.coordinated_probability,
+            coordination: config.coordination.clone(),
         }
     }
 
@@ -145,7 +184,13 @@ impl Exploration {
         for group in &mut groups {
             group.start_probability = 1.0;
         }
-        Self { sigma: 0.0, correlation: 0.0, noise: Vec::new(), held: vec![0.0; act_dim], groups }
+        Self {
+            held: vec![0.0; act_dim],
+            groups,
+            coordinated_probability: config.coordinated_probability,
+            coordination: config.coordination.clone(),
+            ..Self::none()
+        }
     }
 
     /// Turns the policy's action of the next step into the one to execute, in [-1, 1].
@@ -160,6 +205,9 @@ impl Exploration {
                 group.holding = true;
                 for &d in &group.dimensions {
                     self.held[d] = rng.random_range(-1.0..=1.0);
+                }
+                if !self.coordination.is_empty() {
+                    coordinate(group, &self.coordination, self.coordinated_probability, &mut self.held, rng);
                 }
             }
             if group.holding {
@@ -180,6 +228,25 @@ impl Exploration {
             *a = (*a + *noise).clamp(-1.0, 1.0);
             *noise = self.correlation * *noise + innovation * rng.sample::<f32, _>(StandardNormal);
         }
+    }
+}
+
+/// Makes the random action of a group a coordinated one, with some probability.
+fn coordinate(
+    group: &HoldGroup,
+    coordination: &[Coordination],
+    probability: f32,
+    held: &mut [f32],
+    rng: &mut impl Rng,
+) {
+    let coordinated = rng.random::<f32>() < probability;
+    let shared: f32 = rng.random_range(-1.0..=1.0);
+    for &d in group.dimensions.iter().filter(|_| coordinated) {
+        held[d] = match coordination[d] {
+            Coordination::Free => held[d],
+            Coordination::Together(sign) => (sign * shared + SPREAD * held[d]).clamp(-1.0, 1.0),
+            Coordination::Ends => 1.0_f32.copysign(held[d]),
+        };
     }
 }
 

@@ -318,6 +318,12 @@ fn manifest(request: &NewHand, imported: &Imported, found: &Survey, report: &New
     for (joint, value) in &found.open_posture {
         let _ = writeln!(text, "{} = {:?}", quoted(joint), value);
     }
+    text.push_str("\n# 1: closes the hand at the upper end of its range, -1: at the lower.\n[closing]\n");
+    for (names, sign) in [(&report.close_up, 1), (&report.close_down, -1)] {
+        for name in names {
+            let _ = writeln!(text, "{} = {sign}", quoted(name));
+        }
+    }
     let _ = write!(text, "\n[objects]\nscale = {:?}\n", found.object_scale);
     text
 }

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Policy, Replay, Which, rng, sample_batch};
+use eigenhand_rl::{Batch, Coordination, Ddpg, ExplorationConfig, Policy, Replay, Which, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_synergy::{ActuationMap, Feedback, JointInfo, PostureDatabase, PostureRecord, Synergy, Unit, newest};
@@ -178,6 +178,7 @@ impl Trainer {
                 .map(|name| if *name == hand.manifest.slide.name { config.training.slide_hold } else { 1.0 })
                 .collect();
         }
+        exploration.coordination = coordination(&hand, &task);
         exploration.validate(shape.act_dim)?;
         let metrics = MetricsFile::open(run.path(), counters.episodes)?;
         let events = if config.tensorboard {
@@ -587,4 +588,18 @@ fn which(choice: ActorChoice) -> Which {
         ActorChoice::Target => Which::Target,
         ActorChoice::Average => Which::Average,
     }
+}
+
+/// What each actuator does in a coordinated random action: the hand closes or opens, the slide goes down or up.
+fn coordination(hand: &Hand, task: &GraspTask) -> Vec<Coordination> {
+    let closing = &hand.manifest.closing;
+    if closing.is_empty() {
+        return Vec::new();
+    }
+    let of = |name: &String| match closing.get(name) {
+        Some(&sign) => Coordination::Together(sign as f32),
+        None if *name == hand.manifest.slide.name => Coordination::Ends,
+        None => Coordination::Free,
+    };
+    task.actuators.iter().map(of).collect()
 }
