@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two, before those of the test.
-pub const TINY: [&str; 38] = [
+pub const TINY: [&str; 39] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -54,6 +54,7 @@ pub const TINY: [&str; 38] = [
     "lambda=1",
     "training.episodes_per_cycle=2",
     "training.warmup_episodes=16",
+    "training.warmup_held_steps=0",
     "training.updates_per_episode=2.5",
     "training.slide_hold=1",
     "training.checkpoint_every=8",

@@ -35,6 +35,8 @@ pub struct Counters {
     pub episodes: u64,
     /// Control steps simulated in training.
     pub env_steps: u64,
+    /// Control steps at which an object was held off the plane, in training.
+    pub held_steps: u64,
     /// Minibatches learned from.
     pub updates: u64,
     /// Updates that are owed to the episodes so far, a fraction of one.

@@ -106,6 +106,8 @@ pub struct TrainingConfig {
     pub updates_per_episode: f64,
     /// First episodes, which act at random; no update before them.
     pub warmup_episodes: u64,
+    /// Steps at which an object was held off the plane that warm-up goes on for, up to [`LONGEST_WARMUP`] times its episodes.
+    pub warmup_held_steps: u64,
     /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
     pub slide_hold: f32,
     /// Networks that act in training episodes: online, target or average.
@@ -126,7 +128,16 @@ pub struct TrainingConfig {
     pub checkpoints_kept: usize,
 }
 
+/// How many times its episodes warm-up may last while too few held steps were seen.
+pub const LONGEST_WARMUP: u64 = 8;
+
 impl TrainingConfig {
+    /// (episodes before this one, steps at which an object was held in them) => whether this one is warm-up
+    pub fn is_warmup(&self, episodes: u64, held_steps: u64) -> bool {
+        episodes < self.warmup_episodes
+            || (held_steps < self.warmup_held_steps && episodes < LONGEST_WARMUP * self.warmup_episodes)
+    }
+
     /// (share of training that is done) => the factor on the learning rates
     pub fn learning_rate_factor(&self, done: f64) -> f64 {
         fall(done, [self.decay_start, 1.0], self.final_learning_rate)

@@ -61,6 +61,8 @@ pub struct Episode {
     pub posture: Vec<f64>,
     /// Distance from object to goal at the end, in m.
     pub final_distance: f64,
+    /// Steps at which the object touched the hand and not the plane.
+    pub held_steps: u64,
     /// Deepest penetration between object and hand in the last steps, in m.
     pub penetration: f64,
     /// What MuJoCo warned of.
@@ -108,6 +110,7 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
         data: EpisodeData::zeros(shape),
         posture: vec![0.0; task.posture_joints.len()],
         final_distance: f64::NAN,
+        held_steps: 0,
         penetration: 0.0,
         warnings: WarningCounts::default(),
     };
@@ -149,6 +152,7 @@ fn play(
         let achieved = env.achieved_goal();
         data.achieved_goals[(t + 1) * goal_dim..(t + 2) * goal_dim].copy_from_slice(&achieved);
         data.facts[t * fact_dim..(t + 1) * fact_dim].copy_from_slice(&facts.to_array());
+        episode.held_steps += u64::from(facts.touches_hand && !facts.touches_plane);
         succeeded_in_a_row = if task.reward.succeeds(&achieved, &goal, facts) { succeeded_in_a_row + 1 } else { 0 };
         if t + task.config.final_steps >= n_steps {
             episode.penetration = episode.penetration.max(facts.penetration);

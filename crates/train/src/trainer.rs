@@ -278,6 +278,7 @@ impl Trainer {
         exploration.scale_noise(self.config.training.noise_factor(self.done(first)) as f32);
         let exploration = Arc::new(exploration);
         let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
+        let (training, held_steps) = (&self.config.training, self.counters.held_steps);
         let jobs: Vec<EpisodeJob> = (first..last)
             .map(|index| EpisodeJob {
                 seed: self.config.seed,
@@ -286,7 +287,7 @@ impl Trainer {
                 scene: None,
                 goal_height: self.config.task.training_goal_height,
                 policy: policy.clone(),
-                behaviour: if index < self.config.training.warmup_episodes {
+                behaviour: if training.is_warmup(index, held_steps) {
                     Behaviour::Warmup(Arc::clone(&exploration))
                 } else {
                     Behaviour::Explore(Arc::clone(&exploration))
@@ -309,6 +310,7 @@ impl Trainer {
                 continue;
             }
             self.counters.env_steps += episode.data.shape.n_steps as u64;
+            self.counters.held_steps += episode.held_steps;
             self.counters.updates_owed += self.config.training.updates_per_episode;
             if episode.greedy {
                 if self.counters.recent.len() == RECENT {
@@ -357,7 +359,8 @@ impl Trainer {
 
     /// Learns as many minibatches as the episodes so far allow.
     fn learn(&mut self) -> Result<(), TrainError> {
-        if self.counters.episodes < self.config.training.warmup_episodes || self.replay.is_empty() {
+        let warmup = self.config.training.is_warmup(self.counters.episodes, self.counters.held_steps);
+        if warmup || self.replay.is_empty() {
             return Ok(());
         }
         self.set_learning_rates();
