@@ -62,8 +62,14 @@ rise_speed = {RISE_SPEED}
         low = number(low),
         high = number(high),
     );
-    for finger in fingers {
+    for finger in fingers.clone() {
         push(&mut text, format_args!("{} = {}\n", joint(finger, 0), number(-options.open_angle)));
+    }
+    text.push_str("\n# Every joint closes the hand at the upper end of its range.\n[closing]\n");
+    for finger in fingers {
+        for phalanx in 0..options.phalanges {
+            push(&mut text, format_args!("{} = 1\n", servo(finger, phalanx)));
+        }
     }
     text
 }
@@ -103,7 +109,7 @@ pub(crate) fn model(options: &Options) -> String {
     for finger in 0..options.fingers {
         for phalanx in 0..options.phalanges {
             let [low, high] = range(phalanx);
-            let (joint, servo) = (joint(finger, phalanx), format!("finger{finger}_servo{phalanx}"));
+            let (joint, servo) = (joint(finger, phalanx), servo(finger, phalanx));
             push(
                 &mut text,
                 format_args!("    <position name=\"{servo}\" joint=\"{joint}\" ctrlrange=\"{low} {high}\"/>\n"),
@@ -152,6 +158,10 @@ fn finger(text: &mut String, options: &Options, finger: usize) {
 
 fn range(phalanx: usize) -> [f64; 2] {
     if phalanx == 0 { FIRST_RANGE } else { NEXT_RANGE }
+}
+
+fn servo(finger: usize, phalanx: usize) -> String {
+    format!("finger{finger}_servo{phalanx}")
 }
 
 fn joint(finger: usize, phalanx: usize) -> String {
