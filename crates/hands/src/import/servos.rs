@@ -19,10 +19,10 @@ const FORCE: f64 = 20.0;
 const TORQUES: [f64; 2] = [0.05, 5.0];
 const FORCES: [f64; 2] = [1.0, 200.0];
 /// A servo reaches its limit at this error (rad, m).
-const HINGE_ERROR: f64 = 0.8;
-const SLIDE_ERROR: f64 = 0.02;
+const HINGE_ERROR: f64 = 0.3;
+const SLIDE_ERROR: f64 = 0.01;
 /// Time constant (s) of a servo against its joint's damping, long against the simulation's step.
-const TIME_CONSTANT: f64 = 0.15;
+const TIME_CONSTANT: f64 = 0.06;
 /// Damping (N m s) of a joint that no servo drives.
 const FREE_DAMPING: f64 = 0.02;
 /// Rotor inertia (kg m2) or mass (kg) for one unit of stiffness: the servo's frequency stays far below the step's.

@@ -28,7 +28,7 @@ const USUAL_OPENING: f64 = 0.11;
 const OPENING: f64 = 0.13;
 /// Scales this near to 1 are 1.
 const NEAR_ONE: f64 = 0.25;
-const SCALES: [f64; 2] = [0.3, 1.2];
+const SCALES: [f64; 2] = [0.3, 1.0];
 /// Height in m of the tallest object of scale 1, and the room above it.
 const TALLEST: f64 = 0.095;
 const ROOM: f64 = 0.012;
