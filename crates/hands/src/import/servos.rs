@@ -31,18 +31,21 @@ const ARMATURE: f64 = 1e-3;
 const TURN: f64 = std::f64::consts::PI;
 const TRAVEL: f64 = 0.1;
 
-/// Adds servos where the model has no actuator, damping and armature where its joints have none, and control ranges
-/// where its actuators have none.
+/// Adds servos where the model has no actuator, damping and armature where these or a model without any need them, and
+/// control ranges where its actuators have none.
 pub(super) fn complete(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     if Joints::read(&imported.model, file)?.0.is_empty() {
         return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));
     }
     if section(&imported.model, "actuator").next().is_none() {
         add(imported, file, notes)?;
-    } else {
-        control_ranges(&mut imported.model, file, notes)?;
+        return steady(&mut imported.model, file, notes);
     }
-    steady(&mut imported.model, file, notes)
+    control_ranges(&mut imported.model, file, notes)?;
+    if damping(&mut imported.model, file)?.values().all(|value| *value <= 0.0) {
+        steady(&mut imported.model, file, notes)?;
+    }
+    Ok(())
 }
 
 fn limit(effort: Option<&f64>, [least, most]: [f64; 2], usual: f64) -> f64 {
@@ -109,7 +112,7 @@ fn damping(root: &mut Element, file: &Path) -> Result<BTreeMap<String, f64>, Han
     Ok(found)
 }
 
-/// Gives damping and armature to the joints of a model in which none has damping.
+/// Gives joints the damping and armature with which their servos are stable.
 fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let defaults = Defaults::read(root, file)?;
     let mut stiffness = BTreeMap::new();
@@ -119,29 +122,32 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
             stiffness.insert(joint.to_owned(), kp);
         }
     }
-    let damping = damping(root, file)?;
-    if damping.values().any(|value| *value > 0.0) {
-        return Ok(());
-    }
-    let joints = damping.len();
+    let mut changed = 0;
     each_in_world(root, &mut |element, class| {
         if element.name != "joint" {
             return Ok(());
         }
         let resolved = defaults.resolve(element, class, file)?;
         let kp = element.attributes.get("name").and_then(|name| stiffness.get(name)).copied();
-        let damping = kp.map_or(FREE_DAMPING, |kp| TIME_CONSTANT * kp);
-        element.attributes.insert("damping".to_owned(), round(damping).to_string());
-        if resolved.number("armature")?.unwrap_or(0.0) <= 0.0 {
+        let least = kp.map_or(FREE_DAMPING, |kp| TIME_CONSTANT * kp);
+        let (damped, armed) =
+            (resolved.number("damping")?.unwrap_or(0.0) >= least, resolved.number("armature")?.unwrap_or(0.0) > 0.0);
+        changed += u64::from(!damped || !armed);
+        if !damped {
+            element.attributes.insert("damping".to_owned(), round(least).to_string());
+        }
+        if !armed {
             let armature = ARMATURE * kp.unwrap_or(1.0).max(1.0);
             element.attributes.insert("armature".to_owned(), round(armature).to_string());
         }
         Ok::<(), HandError>(())
     })?;
-    notes.push(format!(
-        "no joint has damping: {joints} joints got {TIME_CONSTANT} s times their servo's kp ({FREE_DAMPING} without a \
-         servo) and an armature of {ARMATURE} kg m2 for each unit of kp"
-    ));
+    if changed > 0 {
+        notes.push(format!(
+            "so that the hand is steady, {changed} joints got a damping of {TIME_CONSTANT} s times their servo's kp \
+             ({FREE_DAMPING} without a servo), or an armature of {ARMATURE} kg m2 for each unit of kp, where the file has less"
+        ));
+    }
     Ok(())
 }
 

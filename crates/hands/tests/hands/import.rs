@@ -158,7 +158,7 @@ fn a_model_without_actuators_gets_servos_and_damping() {
     assert!(
         value(joint, "damping").parse::<f64>().unwrap() > 0.0 && value(joint, "armature").parse::<f64>().unwrap() > 0.0
     );
-    assert!(notes.contains("no actuators") && notes.contains("no joint has damping"), "{notes}");
+    assert!(notes.contains("no actuators") && notes.contains("so that the hand is steady"), "{notes}");
 }
 
 #[test]
