@@ -34,11 +34,10 @@ enum Command {
                             cargo xtask hands check ../my-hands/gripper --picture gripper.png")]
     Check(CheckArgs),
     /// Makes a hand's directory from its model file, MJCF or URDF
-    #[command(
-        after_help = "Examples:\n  cargo xtask hands new my-hand --from my_hand.urdf --package my_description=../my_description\n  \
-                      cargo xtask hands new gripper --from 2f85.xml --out ../my-hands/gripper\n\nThen: cargo xtask hands check \
-                      my-hand; cargo xtask train --hand my-hand"
-    )]
+    #[command(after_help = "Examples:\n  cargo xtask hands new gripper --from 2f85.xml --out ../my-hands/gripper\n  \
+                            cargo xtask hands new my-hand --from my_hand.urdf --package my_description=../my_description\n  \
+                            cargo xtask hands check my-hand\n  \
+                            cargo xtask train --hand my-hand")]
     New(NewArgs),
 }
 
