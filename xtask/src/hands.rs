@@ -260,6 +260,7 @@ fn describe_hand(hand: &HandSummary) -> String {
             })
             .collect(),
     );
+    section("changed or assumed while the model was read", hand.notes.iter().map(|note| vec![note.clone()]).collect());
     section(
         "settings, and who set them",
         hand.values

@@ -37,6 +37,8 @@ pub struct HandSummary {
     pub actuators: Vec<HandActuator>,
     /// Joints that follow another joint.
     pub couplings: Vec<HandCoupling>,
+    /// What was changed or assumed while the model was read.
+    pub notes: Vec<String>,
 }
 
 /// Who set a value.
@@ -80,6 +82,7 @@ impl HandSummary {
             posture: hand.posture.clone(),
             actuators: hand.actuators.clone(),
             couplings: hand.couplings.clone(),
+            notes: hand.notes.clone(),
         }
     }
 }
