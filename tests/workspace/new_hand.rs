@@ -7,7 +7,7 @@ use eigenhand_train::{Hand, ImportOptions, NewHand, NewHandReport, TrainError, c
 use tempfile::TempDir;
 
 use crate::gripper::GRIPPER_MODEL;
-use crate::support::{mujoco, workspace};
+use crate::support::{mujoco, registry, workspace};
 
 fn request(source: &Path, directory: PathBuf) -> NewHand {
     NewHand {
@@ -69,6 +69,27 @@ fn the_hand_of_the_workspace_is_made_out_from_its_file_alone() {
     let between = hand.manifest.mount.pose().rotation * described.manifest.mount.pose().rotation.inverse();
     let vertical = between * nalgebra::Vector3::z();
     assert!(vertical.z > 0.999, "{vertical}");
+}
+
+/// What the authors of the workspace's hands wrote by hand, found again from their models alone.
+#[test]
+fn the_closing_directions_of_described_hands_are_found() {
+    let mut n_compared = 0;
+    let registry = registry();
+    for entry in registry.list() {
+        let described = registry.get(&entry.name).unwrap_or_else(|error| panic!("{error}"));
+        let source = described.directory.join(&described.manifest.model);
+        if described.manifest.closing.is_empty() || !source.is_file() {
+            continue;
+        }
+        let (report, _) = made(&source, |_| {});
+        for (actuator, &sign) in &described.manifest.closing {
+            let found = if sign > 0.0 { &report.close_up } else { &report.close_down };
+            assert!(found.contains(actuator), "{}: {actuator}, {report:?}", described.manifest.name);
+            n_compared += 1;
+        }
+    }
+    assert!(n_compared > 0);
 }
 
 #[test]

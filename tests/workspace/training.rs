@@ -80,6 +80,18 @@ fn a_run_repeats_itself_with_any_number_of_workers() {
 }
 
 #[test]
+fn warmup_goes_on_while_little_was_held() {
+    let run = Run::new(gripper());
+    let none = run.train(&tiny(&["training.warmup_episodes=4", "training.warmup_held_steps=1000000"]));
+    assert_eq!(none.updates, 0, "24 episodes are less than 8 times 4");
+    // Eight times two episodes are the sixteen that the other run asks for.
+    let (limited, asked) = (Run::new(gripper()), Run::new(gripper()));
+    limited.train(&tiny(&["training.warmup_episodes=2", "training.warmup_held_steps=1000000"]));
+    asked.train(&tiny(&["training.warmup_episodes=16"]));
+    assert!(limited.bytes("policy.safetensors") == asked.bytes("policy.safetensors"));
+}
+
+#[test]
 fn a_stopped_run_that_is_resumed_ends_as_if_it_had_not_stopped() {
     let whole = Run::new(gripper());
     let summary = whole.train(&tiny(&[]));

@@ -11,6 +11,10 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
+#[path = "../../tests/workspace/gripper.rs"]
+#[allow(dead_code)]
+mod gripper;
+
 /// Settings with which a run passes through every stage in a second or two.
 const TINY: [&str; 10] = [
     "training.warmup_episodes=6",
@@ -379,6 +383,37 @@ fn hands_are_listed_shown_and_checked() {
     assert_eq!(output.status.code(), Some(FAILURE));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(report["checks"].as_array().unwrap().iter().any(|check| check["passed"] == false), "{report}");
+}
+
+#[test]
+fn a_new_hand_is_made_listed_checked_and_trained() {
+    let place = TempDir::new().unwrap();
+    let file = place.path().join("maker.xml");
+    std::fs::write(&file, gripper::GRIPPER_MODEL).unwrap();
+    let (file, plugins) = (file.to_str().unwrap(), place.path().join("plugins"));
+    let out = plugins.join("mine");
+    let (out_text, plugins_text) = (out.to_str().unwrap(), plugins.to_str().unwrap());
+    let made = json(&run(&["hands", "new", "mine", "--from", file, "--out", out_text, "--json"]));
+    assert_eq!((made["palm"].as_str(), made["close_up"][0].as_str()), (Some("bridge"), Some("close")));
+    let listed = json(&run(&["hands", "list", "--plugins", plugins_text, "--json"]));
+    assert!(listed.as_array().unwrap().iter().any(|hand| hand["name"] == "mine"), "{listed}");
+    let picture = place.path().join("mine.png");
+    let checked = run(&["hands", "check", "mine", "--plugins", plugins_text, "--picture", picture.to_str().unwrap()]);
+    assert!(checked.status.success() && std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"), "{checked:?}");
+    let trained = run(&[
+        tiny("mine", &place.path().join("run")).iter().map(String::as_str).collect(),
+        vec!["--episodes", "10", "--plugins", plugins_text],
+    ]
+    .concat());
+    assert!(trained.status.success(), "{}", stderr(&trained));
+
+    let again = run(&["hands", "new", "mine", "--from", file, "--out", out_text]);
+    assert_error(&again, USAGE, &[out_text]);
+    let nameless = run(&["hands", "new", "Mine!", "--from", file, "--out", plugins.join("other").to_str().unwrap()]);
+    assert_error(&nameless, USAGE, &["Mine!"]);
+    assert_error(&run(&["hands", "new", "other", "--from", file, "--approach", "up"]), USAGE, &["--approach", "up"]);
+    let names: Vec<_> = std::fs::read_dir(&plugins).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names, ["mine"], "nothing is left of what failed");
 }
 
 #[test]

@@ -3,13 +3,14 @@
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
-use xmltree::{Element, XMLNode};
+use xmltree::Element;
 
 use crate::error::HandError;
-use crate::import::mjcf::{each_in_world, elements_mut};
+use crate::import::mjcf::each_in_world;
 use crate::manifest::HandManifest;
 use crate::mjcf::Defaults;
 use crate::model::Joints;
+use crate::xml::{append_section, attribute, element, elements_mut, numbers, retain_elements, set};
 
 /// A position servo on a joint; it takes the place of one that an importer made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -66,18 +67,6 @@ pub(crate) fn apply(model: &mut Element, manifest: &HandManifest, file: &Path) -
     contact(model, manifest, file)
 }
 
-fn made(name: &str, attributes: &[(&str, String)]) -> Element {
-    let mut element = Element::new(name);
-    element.attributes.extend(attributes.iter().map(|(key, value)| ((*key).to_owned(), value.clone())));
-    element
-}
-
-fn add(model: &mut Element, section: &str, element: Element) {
-    let mut holder = Element::new(section);
-    holder.children.push(XMLNode::Element(element));
-    model.children.push(XMLNode::Element(holder));
-}
-
 fn known(joints: &Joints, name: &str, key: String, file: &Path) -> Result<(), HandError> {
     if joints.0.iter().any(|joint| joint.name == name) {
         return Ok(());
@@ -89,9 +78,7 @@ fn known(joints: &Joints, name: &str, key: String, file: &Path) -> Result<(), Ha
 /// Takes away the actuators that act on a joint by themselves.
 fn free(model: &mut Element, joint: &str) {
     for section in elements_mut(model).filter(|e| e.name == "actuator") {
-        section.children.retain(|node| {
-            node.as_element().is_some_and(|e| e.attributes.get("joint").is_none_or(|name| name != joint))
-        });
+        retain_elements(section, |e| attribute(e, "joint") != Some(joint));
     }
 }
 
@@ -112,10 +99,10 @@ fn couplings(model: &mut Element, manifest: &HandManifest, file: &Path) -> Resul
             ));
         }
         free(model, &coupling.joint);
-        let polynomial = format!("{} {} 0 0 0", coupling.offset, coupling.multiplier);
+        let polynomial = numbers(&[coupling.offset, coupling.multiplier, 0.0, 0.0, 0.0]);
         let attributes =
             [("joint1", coupling.joint.clone()), ("joint2", coupling.follows.clone()), ("polycoef", polynomial)];
-        add(model, "equality", made("joint", &attributes));
+        append_section(model, "equality", [element("joint", &attributes)]);
     }
     Ok(())
 }
@@ -139,11 +126,11 @@ fn actuators(model: &mut Element, manifest: &HandManifest, file: &Path) -> Resul
             ("joint", actuator.joint.clone()),
             ("kp", actuator.kp.to_string()),
             ("ctrllimited", "true".to_owned()),
-            ("ctrlrange", format!("{low} {high}")),
+            ("ctrlrange", numbers(&[low, high])),
             ("forcelimited", "true".to_owned()),
-            ("forcerange", format!("{} {}", -actuator.force_limit, actuator.force_limit)),
+            ("forcerange", numbers(&[-actuator.force_limit, actuator.force_limit])),
         ];
-        add(model, "actuator", made("position", &attributes));
+        append_section(model, "actuator", [element("position", &attributes)]);
     }
     Ok(())
 }
@@ -159,8 +146,8 @@ fn contact(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<
         if resolved.number("contype")? == Some(0.0) && resolved.number("conaffinity")? == Some(0.0) {
             return Ok(());
         }
-        element.attributes.insert("contype".to_owned(), bits.contype.to_string());
-        element.attributes.insert("conaffinity".to_owned(), bits.conaffinity.to_string());
+        set(element, "contype", bits.contype.to_string());
+        set(element, "conaffinity", bits.conaffinity.to_string());
         Ok::<(), HandError>(())
     })
 }

@@ -8,7 +8,8 @@ use sha2::{Digest, Sha256};
 use xmltree::{Element, XMLNode};
 
 use crate::error::HandError;
-use crate::mjcf::{Compiler, elements};
+use crate::mjcf::Compiler;
+use crate::xml::elements;
 
 /// Deepest nesting of elements that is read; real hands stay far below.
 const MAX_DEPTH: usize = 200;

@@ -95,3 +95,17 @@ fn first_tag(text: &str) -> Option<&str> {
         rest = &rest[end..];
     }
 }
+
+/// Adds the note `what: names` where there are names, with the first few of many.
+fn note<S: AsRef<str>>(notes: &mut Vec<String>, what: &str, names: &[S]) {
+    const SHOWN: usize = 12;
+    if names.is_empty() {
+        return;
+    }
+    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
+    let more = match names.len().saturating_sub(SHOWN) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    notes.push(format!("{what}: {}{more}", shown.join(", ")));
+}

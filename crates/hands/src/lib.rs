@@ -21,6 +21,7 @@ mod resolve;
 mod schema;
 mod servo;
 mod summary;
+pub mod xml;
 
 pub use actuation::Actuation;
 pub use additions::{AddedActuator, AddedCoupling, ContactBits};

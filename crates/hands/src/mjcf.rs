@@ -6,14 +6,10 @@ use std::path::Path;
 use xmltree::{AttributeMap, Element};
 
 use crate::error::HandError;
+use crate::xml::elements;
 
 /// Name that MuJoCo gives to the outermost default class.
 const MAIN_CLASS: &str = "main";
-
-/// Lists the child elements of `element`.
-pub(crate) fn elements(element: &Element) -> impl Iterator<Item = &Element> {
-    element.children.iter().filter_map(xmltree::XMLNode::as_element)
-}
 
 /// Lists the elements in all top-level sections named `section`; MJCF allows a section to be repeated.
 pub(crate) fn section<'a>(root: &'a Element, section: &'a str) -> impl Iterator<Item = &'a Element> {

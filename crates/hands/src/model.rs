@@ -7,8 +7,9 @@ use xmltree::Element;
 
 use crate::error::HandError;
 use crate::hand::{HandActuator, HandCoupling, HandJoint, JointKind, Transmission};
-use crate::mjcf::{Attributes, Compiler, Defaults, elements, section};
+use crate::mjcf::{Attributes, Compiler, Defaults, section};
 use crate::servo;
+use crate::xml::elements;
 
 /// The parts of a model that a hand is described by.
 #[derive(Debug)]

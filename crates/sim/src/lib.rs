@@ -12,7 +12,6 @@ mod reward;
 pub mod scene;
 pub mod survey;
 mod task;
-mod xml;
 
 pub use env::{EpisodeSetup, GraspEnv};
 pub use error::SimError;

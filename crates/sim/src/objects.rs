@@ -1,9 +1,9 @@
 //! The seven objects of the grasp task (paper, section 3.1).
 
+use eigenhand_hands::xml::numbers;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::SimError;
-use crate::xml::numbers;
 
 /// A convex primitive, with its size in m.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -6,12 +6,12 @@
 use std::path::Path;
 
 use eigenhand_hands::Hand;
-use xmltree::{Element, XMLNode};
+use eigenhand_hands::xml::{append, attribute, element, elements, elements_mut, numbers, print, set};
+use eigenhand_hands::xmltree::{Element, XMLNode};
 
 use crate::SimError;
 use crate::objects::Object;
 use crate::physics::{Cone, PhysicsConfig};
-use crate::xml::{append, element, elements, elements_mut, numbers};
 
 /// Name of the plane's geom.
 pub const PLANE: &str = "scene/plane";
@@ -109,16 +109,6 @@ pub(crate) fn resting_scene(object: &Object, physics: &PhysicsConfig) -> String 
     print(&root)
 }
 
-fn print(root: &Element) -> String {
-    let mut text = Vec::new();
-    let config = xmltree::EmitterConfig::new().perform_indent(true).write_document_declaration(false);
-    // Writing into memory fails only for a document the library could not have parsed.
-    match root.write_with_config(&mut text, config) {
-        Ok(()) => String::from_utf8_lossy(&text).into_owned(),
-        Err(_) => String::new(),
-    }
-}
-
 /// Keeps the hand's way of writing angles and frames; directories are resolved here, and inertias are
 /// inferred where none is written because the object has none.
 fn compiler(model: &Element) -> Element {
@@ -129,8 +119,8 @@ fn compiler(model: &Element) -> Element {
     for resolved in ["meshdir", "texturedir", "assetdir", "strippath"] {
         compiler.attributes.shift_remove(resolved);
     }
-    if compiler.attributes.get("inertiafromgeom").is_some_and(|value| value == "false") {
-        compiler.attributes.insert("inertiafromgeom".to_owned(), "auto".to_owned());
+    if attribute(&compiler, "inertiafromgeom") == Some("false") {
+        set(&mut compiler, "inertiafromgeom", "auto");
     }
     compiler
 }
@@ -192,7 +182,7 @@ fn merge_defaults(into: &mut Element, from: &Element) {
     for child in elements(from) {
         let class = child.attributes.get("class");
         let same = |e: &Element| e.name == child.name && (e.name != "default" || e.attributes.get("class") == class);
-        let known = into.children.iter_mut().filter_map(XMLNode::as_mut_element).find(|e| same(e));
+        let known = elements_mut(into).find(|e| same(e));
         if let Some(known) = known {
             known.attributes.extend(child.attributes.iter().map(|(key, value)| (key.clone(), value.clone())));
             if child.name == "default" {
@@ -365,7 +355,7 @@ fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, V
         }
         let extension = extension.map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
         let renamed = format!("{}_{}.{extension}", item.name, assets.len());
-        item.attributes.insert("file".to_owned(), renamed.clone());
+        set(item, "file", renamed.clone());
         assets.push((renamed, bytes));
     }
     Ok(())

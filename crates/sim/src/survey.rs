@@ -7,12 +7,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use eigenhand_hands::xml::{append, element, elements_mut, print, retain_elements};
+use eigenhand_hands::xmltree::Element;
 use nalgebra::Isometry3;
-use xmltree::Element;
 
 use crate::SimError;
 use crate::ffi::{Model, MuJoCo};
-use crate::xml::{append, element, elements_mut};
 
 mod fingers;
 mod lab;
@@ -117,7 +117,7 @@ pub fn survey(
 /// The hand alone on a heavy carriage, so that nothing of it is welded to the world.
 fn stand(root: &Element, contacts: &str) -> String {
     let mut stand = root.clone();
-    stand.children.retain(|n| n.as_element().is_some_and(|e| !matches!(e.name.as_str(), "option" | "size")));
+    retain_elements(&mut stand, |e| !matches!(e.name.as_str(), "option" | "size"));
     let flag = element("flag", &[("gravity", "disable".into()), ("contact", contacts.to_owned())]);
     let mut option = element("option", &[("timestep", TIMESTEP.to_string())]);
     append(&mut option, flag);
@@ -133,12 +133,7 @@ fn stand(root: &Element, contacts: &str) -> String {
         carriage.children.append(&mut world.children);
         append(world, carriage);
     }
-    let mut text = Vec::new();
-    // Writing into memory fails only for a document that the library could not have parsed.
-    match stand.write(&mut text) {
-        Ok(()) => String::from_utf8_lossy(&text).into_owned(),
-        Err(_) => String::new(),
-    }
+    print(&stand)
 }
 
 fn refuse(reason: impl Into<String>) -> SimError {

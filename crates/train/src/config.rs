@@ -530,6 +530,16 @@ mod tests {
     }
 
     #[test]
+    fn warmup_goes_on_until_enough_was_held_and_no_longer_than_that() {
+        let of = |preset| Layers::new(preset).and_then(|l| l.resolve()).expect("compiled in").training;
+        let training = TrainingConfig { warmup_episodes: 10, warmup_held_steps: 5, ..of(Preset::Default) };
+        assert!(training.is_warmup(9, 100), "the least");
+        assert!(training.is_warmup(10, 4) && !training.is_warmup(10, 5));
+        assert!(training.is_warmup(10 * LONGEST_WARMUP - 1, 0) && !training.is_warmup(10 * LONGEST_WARMUP, 0));
+        assert_eq!(of(Preset::Paper).warmup_held_steps, 0);
+    }
+
+    #[test]
     fn every_preset_resolves_and_survives_writing() {
         for preset in [Preset::Default, Preset::Quick, Preset::Paper] {
             let config = Layers::new(preset).and_then(|l| l.resolve()).expect("compiled in");

@@ -3,10 +3,12 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use eigenhand_hands::xmltree::{Element, EmitterConfig, XMLNode};
+use eigenhand_hands::xml::{append_section, attribute, element, elements, elements_mut, numbers, print, set};
+use eigenhand_hands::xmltree::{Element, XMLNode};
 use eigenhand_hands::{Hand, ImportOptions, Imported, MANIFEST_FILE, SCHEMA, import, is_hand_name};
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_sim::survey::{Closing, Hints, Survey, survey};
@@ -120,20 +122,6 @@ fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec
     }
 }
 
-fn children_mut(parent: &mut Element) -> impl Iterator<Item = &mut Element> {
-    parent.children.iter_mut().filter_map(XMLNode::as_mut_element)
-}
-
-fn made(name: &str, attributes: &[(&str, String)]) -> XMLNode {
-    let mut element = Element::new(name);
-    element.attributes.extend(attributes.iter().map(|(key, value)| ((*key).to_owned(), value.clone())));
-    XMLNode::Element(element)
-}
-
-fn numbers(values: &[f64]) -> String {
-    values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
-}
-
 /// Puts a site on the tip of every finger and returns their names.
 fn add_tips(model: &mut Element, found: &Survey) -> Vec<String> {
     let mut taken = BTreeSet::new();
@@ -152,7 +140,7 @@ fn add_tips(model: &mut Element, found: &Survey) -> Vec<String> {
             ("group", "4".to_owned()),
         ];
         if let Some(body) = body_named(model, &finger.body) {
-            body.children.insert(0, made("site", &attributes));
+            body.children.insert(0, XMLNode::Element(element("site", &attributes)));
         }
         tips.push(name);
     }
@@ -161,25 +149,22 @@ fn add_tips(model: &mut Element, found: &Survey) -> Vec<String> {
 
 fn names(element: &Element, found: &mut BTreeSet<String>) {
     found.extend(element.attributes.get("name").cloned());
-    element.children.iter().filter_map(XMLNode::as_element).for_each(|child| names(child, found));
+    elements(element).for_each(|child| names(child, found));
 }
 
 fn body_named<'a>(element: &'a mut Element, name: &str) -> Option<&'a mut Element> {
-    if element.name == "body" && element.attributes.get("name").is_some_and(|own| own == name) {
+    if element.name == "body" && attribute(element, "name") == Some(name) {
         return Some(element);
     }
-    children_mut(element).filter(|e| matches!(e.name.as_str(), "worldbody" | "body")).find_map(|e| body_named(e, name))
+    elements_mut(element).filter(|e| matches!(e.name.as_str(), "worldbody" | "body")).find_map(|e| body_named(e, name))
 }
 
 fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
     if found.overlaps.is_empty() {
         return;
     }
-    let excludes =
-        found.overlaps.iter().map(|(a, b)| made("exclude", &[("body1", a.clone()), ("body2", b.clone())])).collect();
-    let mut contact = Element::new("contact");
-    contact.children = excludes;
-    model.children.push(XMLNode::Element(contact));
+    let exclude = |(a, b): &(String, String)| element("exclude", &[("body1", a.clone()), ("body2", b.clone())]);
+    append_section(model, "contact", found.overlaps.iter().map(exclude));
     let pairs: Vec<String> = found.overlaps.iter().map(|(a, b)| format!("{a} and {b}")).collect();
     notes.push(format!("links that overlap at rest do not touch one another: {}", pairs.join(", ")));
 }
@@ -188,10 +173,10 @@ fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>
 fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
     for name in &found.in_the_way {
         let geoms =
-            body_named(model, name).into_iter().flat_map(|body| children_mut(body).filter(|e| e.name == "geom"));
+            body_named(model, name).into_iter().flat_map(|body| elements_mut(body).filter(|e| e.name == "geom"));
         for geom in geoms {
             for bits in ["contype", "conaffinity"] {
-                geom.attributes.insert(bits.to_owned(), "0".to_owned());
+                set(geom, bits, "0");
             }
         }
     }
@@ -203,50 +188,42 @@ fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
 
 fn name_meshes_directory(imported: &mut Imported) {
     if !imported.assets.is_empty() {
-        imported.model.children.insert(0, made("compiler", &[("meshdir", ASSETS.to_owned())]));
+        let compiler = element("compiler", &[("meshdir", ASSETS.to_owned())]);
+        imported.model.children.insert(0, XMLNode::Element(compiler));
     }
 }
 
-/// Writes the directory beside its place, reads it back, and moves it there.
+/// Writes a directory beside the hand's place, reads it back, and moves it there.
 fn write(request: &NewHand, imported: &Imported, found: &Survey, report: &NewHandReport) -> Result<(), TrainError> {
     let directory = &request.directory;
-    let mut partial = directory.file_name().unwrap_or_default().to_os_string();
-    partial.push(".partial");
-    let partial = directory.with_file_name(partial);
-    let attempt = || -> Result<(), TrainError> {
-        create_directory(&partial)?;
-        let save = |path: PathBuf, bytes: &[u8]| fs::write(&path, bytes).map_err(io_error("write", &path));
-        let mut text = Vec::new();
-        let config = EmitterConfig::new().perform_indent(true).write_document_declaration(false);
-        // Writing into memory fails only for a document that the library could not have parsed.
-        let _ = imported.model.write_with_config(&mut text, config);
-        save(partial.join(MODEL_FILE), &text)?;
-        if !imported.assets.is_empty() {
-            create_directory(&partial.join(ASSETS))?;
-        }
-        for (name, bytes) in &imported.assets {
-            save(partial.join(ASSETS).join(name), bytes)?;
-        }
-        save(partial.join(MANIFEST_FILE), manifest(request, imported, found, report).as_bytes())?;
-        save(partial.join(README), readme(request, report).as_bytes())?;
-        if let Some(licence) = licence_of(&request.source) {
-            let copy = partial.join(licence.file_name().unwrap_or_default());
-            fs::copy(&licence, &copy).map_err(io_error("copy", &licence))?;
-        }
-        Hand::load(&partial)?;
-        if directory.is_dir() {
-            fs::remove_dir(directory).map_err(io_error("replace", directory))?;
-        }
-        fs::rename(&partial, directory).map_err(io_error("write", directory))
-    };
-    if partial.exists() {
-        fs::remove_dir_all(&partial).map_err(io_error("remove", &partial))?;
+    let parent = directory.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    create_directory(parent)?;
+    // Removed with all that is in it where a line below fails.
+    let partial = tempfile::Builder::new()
+        .prefix(&format!(".{}.", request.name))
+        .permissions(fs::Permissions::from_mode(0o777))
+        .tempdir_in(parent)
+        .map_err(io_error("create a directory in", parent))?;
+    let place = |name: &str| partial.path().join(name);
+    let save = |path: PathBuf, bytes: &[u8]| fs::write(&path, bytes).map_err(io_error("write", &path));
+    save(place(MODEL_FILE), print(&imported.model).as_bytes())?;
+    if !imported.assets.is_empty() {
+        create_directory(&place(ASSETS))?;
     }
-    let result = attempt();
-    if result.is_err() {
-        let _ = fs::remove_dir_all(&partial);
+    for (name, bytes) in &imported.assets {
+        save(place(ASSETS).join(name), bytes)?;
     }
-    result
+    save(place(MANIFEST_FILE), manifest(request, imported, found, report).as_bytes())?;
+    save(place(README), readme(request, report).as_bytes())?;
+    if let Some(licence) = licence_of(&request.source) {
+        let copy = partial.path().join(licence.file_name().unwrap_or_default());
+        fs::copy(&licence, &copy).map_err(io_error("copy", &licence))?;
+    }
+    Hand::load(partial.path())?;
+    if directory.is_dir() {
+        fs::remove_dir(directory).map_err(io_error("replace", directory))?;
+    }
+    fs::rename(partial.path(), directory).map_err(io_error("write", directory))
 }
 
 fn licence_of(source: &Path) -> Option<PathBuf> {

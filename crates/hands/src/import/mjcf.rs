@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use xmltree::{Element, XMLNode};
+use xmltree::Element;
 
 use super::{Imported, newer};
 use crate::closure;
 use crate::error::HandError;
 use crate::mjcf::{Compiler, Defaults};
+use crate::xml::{append, attribute, element, elements_mut, retain_elements};
 
 mod assets;
 mod physics;
@@ -32,14 +33,6 @@ pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Imported, Han
     references::connections(&mut root, file, notes)?;
     physics::damping(&mut root, &defaults, file, notes)?;
     Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
-}
-
-pub(crate) fn elements_mut(parent: &mut Element) -> impl Iterator<Item = &mut Element> {
-    parent.children.iter_mut().filter_map(XMLNode::as_mut_element)
-}
-
-fn attribute<'a>(element: &'a Element, key: &str) -> Option<&'a str> {
-    element.attributes.get(key).map(String::as_str)
 }
 
 /// Calls `act` with every element below `parent` inside bodies, and the class that its bodies give it.
@@ -85,21 +78,19 @@ fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<
         limits_written |= compiler.attributes.contains_key("autolimits");
     }
     if !limits_written {
-        let mut compiler = Element::new("compiler");
-        compiler.attributes.insert("autolimits".to_owned(), "true".to_owned());
-        root.children.push(XMLNode::Element(compiler));
+        append(root, element("compiler", &[("autolimits", "true".to_owned())]));
     }
     Ok(())
 }
 
 fn leave_out_sections(root: &mut Element, notes: &mut Vec<String>) {
     let mut gone = BTreeSet::new();
-    root.children.retain(|node| match node {
-        XMLNode::Element(e) if newer::LEFT_OUT.contains(&e.name.as_str()) => {
-            gone.insert(e.name.clone());
-            false
+    retain_elements(root, |section| {
+        let stays = !newer::LEFT_OUT.contains(&section.name.as_str());
+        if !stays {
+            gone.insert(section.name.clone());
         }
-        node => node.as_element().is_some(),
+        stays
     });
     for silent in ["option", "size", "visual", "statistic"] {
         gone.remove(silent);

@@ -6,6 +6,7 @@ use std::path::Path;
 use xmltree::{Element, XMLNode};
 
 use crate::error::HandError;
+use crate::xml::{elements_mut, set};
 
 /// Elements and attributes of MJCF in MuJoCo 2.2.2, as its own `mj_printSchema` lists them.
 const SCHEMA: &str = include_str!("mjcf-2.2.2.txt");
@@ -79,9 +80,9 @@ pub(super) fn mend(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> 
 
 /// Values of known attributes that are newer.
 fn keywords(root: &mut Element, found: &mut BTreeSet<String>) {
-    for option in root.children.iter_mut().filter_map(XMLNode::as_mut_element).filter(|e| e.name == "option") {
+    for option in elements_mut(root).filter(|e| e.name == "option") {
         if option.attributes.get("integrator").is_some_and(|value| value == "implicitfast") {
-            option.attributes.insert("integrator".to_owned(), "implicit".to_owned());
+            set(option, "integrator", "implicit");
             found.insert("option integrator `implicitfast` (`implicit` stands for it)".to_owned());
         }
     }
@@ -101,7 +102,7 @@ fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSe
         };
         let newer: Vec<String> = child.attributes.keys().filter(|key| !known.contains(key.as_str())).cloned().collect();
         for key in newer {
-            if convert(&mut child, &key) {
+            if is_converted(&child, &key) {
                 continue;
             }
             if matches!((child.name.as_str(), key.as_str()), (_, "plugin" | "instance")) {
@@ -117,8 +118,8 @@ fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSe
     Ok(())
 }
 
-/// Tells whether an attribute is kept for [`super::mend`] to express in another way.
-fn convert(element: &mut Element, key: &str) -> bool {
+/// Tells whether an attribute is kept for [`super::mjcf`] to express in another way.
+fn is_converted(element: &Element, key: &str) -> bool {
     matches!((element.name.as_str(), key), ("position", "kv" | "dampratio") | ("connect", "site1" | "site2"))
 }
 

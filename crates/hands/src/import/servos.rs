@@ -3,14 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use xmltree::{Element, XMLNode};
+use xmltree::Element;
 
 use super::Imported;
-use super::mjcf::{each_in_world, elements_mut};
+use super::mjcf::each_in_world;
 use crate::error::HandError;
 use crate::hand::JointKind;
 use crate::mjcf::{Defaults, section};
 use crate::model::Joints;
+use crate::xml::{append, element, elements_mut, numbers, set};
 
 /// Torque limit of a hinge (N m) and force limit of a slide (N) where the file states none that a finger can have.
 const TORQUE: f64 = 1.0;
@@ -23,10 +24,14 @@ const HINGE_ERROR: f64 = 0.3;
 const SLIDE_ERROR: f64 = 0.01;
 /// Time constant (s) of a servo against its joint's damping, long against the simulation's step.
 const TIME_CONSTANT: f64 = 0.06;
-/// Damping (N m s) of a joint that no servo drives.
-const FREE_DAMPING: f64 = 0.02;
-/// Rotor inertia (kg m2) or mass (kg) for one unit of stiffness: the servo's frequency stays far below the step's.
+/// Damping of a hinge (N m s) and of a slide (N s/m) that no servo drives.
+const FREE_HINGE_DAMPING: f64 = 0.02;
+const FREE_SLIDE_DAMPING: f64 = 5.0;
+/// Rotor inertia (kg m2) or mass (kg) for each N m/rad or N/m of stiffness, in s2: the servo's frequency, 5 Hz, stays far
+/// below the step's.
 const ARMATURE: f64 = 1e-3;
+/// Armature of a hinge (kg m2) and of a slide (kg) where the stiffness would ask for less.
+const LEAST_ARMATURES: [f64; 2] = [1e-3, 0.02];
 /// Range (rad, m) that a servo covers on a joint without limits.
 const TURN: f64 = std::f64::consts::PI;
 const TRAVEL: f64 = 0.1;
@@ -75,22 +80,19 @@ fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<
         let (low, high) = joint.range.unwrap_or((-half, half));
         // Against much damping a soft servo would not arrive within an episode.
         let kp = (force / error).max(damping.get(&joint.name).copied().unwrap_or(0.0) / TIME_CONSTANT);
-        let mut servo = Element::new("position");
-        for (key, value) in [
+        let attributes = [
             ("name", joint.name.clone()),
             ("joint", joint.name.clone()),
             ("kp", round(kp).to_string()),
             ("ctrllimited", "true".to_owned()),
-            ("ctrlrange", format!("{low} {high}")),
+            ("ctrlrange", numbers(&[low, high])),
             ("forcelimited", "true".to_owned()),
-            ("forcerange", format!("{} {force}", -force)),
-        ] {
-            servo.attributes.insert(key.to_owned(), value);
-        }
-        actuators.children.push(XMLNode::Element(servo));
+            ("forcerange", numbers(&[-force, force])),
+        ];
+        append(&mut actuators, element("position", &attributes));
     }
     let n = actuators.children.len();
-    imported.model.children.push(XMLNode::Element(actuators));
+    append(&mut imported.model, actuators);
     notes.push(format!(
         "the file has no actuators: {n} position servos were added, {stated} with the file's effort as force limit, \
          {assumed} with {TORQUE} N m (slides: {FORCE} N)"
@@ -129,23 +131,26 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
         }
         let resolved = defaults.resolve(element, class, file)?;
         let kp = element.attributes.get("name").and_then(|name| stiffness.get(name)).copied();
-        let least = kp.map_or(FREE_DAMPING, |kp| TIME_CONSTANT * kp);
+        let slides = resolved.text("type") == Some("slide");
+        let free = if slides { FREE_SLIDE_DAMPING } else { FREE_HINGE_DAMPING };
+        let least = kp.map_or(free, |kp| TIME_CONSTANT * kp);
         let (damped, armed) =
             (resolved.number("damping")?.unwrap_or(0.0) >= least, resolved.number("armature")?.unwrap_or(0.0) > 0.0);
         changed += u64::from(!damped || !armed);
         if !damped {
-            element.attributes.insert("damping".to_owned(), round(least).to_string());
+            set(element, "damping", round(least).to_string());
         }
         if !armed {
-            let armature = ARMATURE * kp.unwrap_or(1.0).max(1.0);
-            element.attributes.insert("armature".to_owned(), round(armature).to_string());
+            let armature = (ARMATURE * kp.unwrap_or(0.0)).max(LEAST_ARMATURES[usize::from(slides)]);
+            set(element, "armature", round(armature).to_string());
         }
         Ok::<(), HandError>(())
     })?;
     if changed > 0 {
         notes.push(format!(
             "so that the hand is steady, {changed} joints got a damping of {TIME_CONSTANT} s times their servo's kp \
-             ({FREE_DAMPING} without a servo), or an armature of {ARMATURE} kg m2 for each unit of kp, where the file has less"
+             ({FREE_HINGE_DAMPING} N m s, slides {FREE_SLIDE_DAMPING} N s/m without a servo), or an armature of {ARMATURE} s2 times \
+             kp, where the file has less"
         ));
     }
     Ok(())
@@ -173,8 +178,8 @@ fn control_ranges(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> R
                 (Some((low, high)), false, _) if gear != 0.0 => (low / gear.abs(), high / gear.abs()),
                 _ => (-1.0, 1.0),
             };
-            actuator.attributes.insert("ctrllimited".to_owned(), "true".to_owned());
-            actuator.attributes.insert("ctrlrange".to_owned(), format!("{low} {high}"));
+            set(actuator, "ctrllimited", "true");
+            set(actuator, "ctrlrange", format!("{low} {high}"));
             made.push(actuator.attributes.get("name").cloned().unwrap_or_default());
         }
     }

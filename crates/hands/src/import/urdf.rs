@@ -55,20 +55,3 @@ fn finite<const N: usize>(values: &[f64; N], place: &str, file: &Path) -> Result
         Some(x) => Err(HandError::model(file, place, &format!("finite numbers of at most {HUGE}"), x)),
     }
 }
-
-/// Joins names for a note, the first few of many.
-fn list<S: AsRef<str>>(names: &[S]) -> String {
-    const SHOWN: usize = 12;
-    let shown: Vec<&str> = names.iter().take(SHOWN).map(AsRef::as_ref).collect();
-    match names.len().saturating_sub(SHOWN) {
-        0 => shown.join(", "),
-        more => format!("{} and {more} more", shown.join(", ")),
-    }
-}
-
-/// Adds the note `what: names` where there are names.
-fn note<S: AsRef<str>>(notes: &mut Vec<String>, what: &str, names: &[S]) {
-    if !names.is_empty() {
-        notes.push(format!("{what}: {}", list(names)));
-    }
-}

@@ -38,6 +38,18 @@ fn a_coupling_moves_its_joint_without_an_actuator() {
 }
 
 #[test]
+fn closing_directions_name_actuators() {
+    let hand = with("[closing]\nleft_drive = 1\nright_drive = -1\n").load().unwrap();
+    assert_eq!(hand.manifest.closing["right_drive"], -1.0);
+    for (line, key, said) in
+        [("left_driv = 1", "closing.left_driv", "left_drive"), ("left_drive = 0.5", "closing.left_drive", "1 or -1")]
+    {
+        let message = with(&format!("[closing]\n{line}\n")).load().unwrap_err().to_string();
+        assert!(message.contains(key) && message.contains(said) && message.contains("hand.toml"), "{message}");
+    }
+}
+
+#[test]
 fn contact_bits_reach_the_geoms_that_collide() {
     let files = with("[contact]\ncontype = 5\nconaffinity = 4\n");
     files.edit(

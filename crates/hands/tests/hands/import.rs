@@ -7,6 +7,8 @@ use eigenhand_hands::{HandError, ImportOptions, Imported, import};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
+use crate::mutation::{PIECES, mutate};
+
 /// A hand among things that are none, with what is newer than MuJoCo 2.2.2.
 const CROWDED: &str = r#"<mujoco model="crowded">
   <compiler angle="radian" meshdir="parts"/>
@@ -161,6 +163,27 @@ fn a_model_without_actuators_gets_servos_and_damping() {
     assert!(notes.contains("no actuators") && notes.contains("so that the hand is steady"), "{notes}");
 }
 
+/// A pair of antagonists on one joint, one on a tendon, and one whose target's name another actuator has.
+#[test]
+fn actuators_without_a_name_get_one_of_their_own() {
+    let text = plain("<tendon><fixed name=\"sum\"><joint joint=\"bend\" coef=\"1\"/></fixed></tendon>").replace(
+        "<motor name=\"drive\" joint=\"bend\"",
+        "<motor name=\"bend\" joint=\"bend\"/><motor joint=\"bend\" gear=\"-1\"/><motor tendon=\"sum\"/><motor joint=\"bend\"",
+    );
+    let (imported, notes) = read(&text);
+    let names: Vec<&str> = every(&imported, "motor").iter().map(|motor| value(motor, "name")).collect();
+    assert_eq!(names, ["bend", "bend_2", "sum", "bend_3"]);
+    assert!(notes.contains("actuator `bend_2`, actuator `sum`, actuator `bend_3`"), "{notes}");
+}
+
+#[test]
+fn what_refers_to_parts_that_are_gone_is_named() {
+    let gone = r#"<equality><connect name="hook" body1="finger" body2="ball"/><weld body1="ball"/></equality>"#;
+    let (imported, notes) = read(&plain(gone));
+    assert!(every(&imported, "connect").is_empty() && every(&imported, "weld").is_empty());
+    assert!(notes.contains("equality <connect> `hook`, equality <weld>"), "{notes}");
+}
+
 #[test]
 fn connections_between_sites_become_connections_between_bodies() {
     let (imported, _) = read(&plain(r#"<equality><connect site1="end" site2="end"/></equality>"#));
@@ -208,7 +231,7 @@ proptest! {
     fn damaged_files_never_panic(
         edits in prop::collection::vec((any::<usize>(), 0..20_usize, any::<usize>()), 1..6),
     ) {
-        let files = Files::new(&crate::mutation::mutate(CROWDED, &edits));
+        let files = Files::new(&mutate(CROWDED, PIECES, &edits));
         let _ = files.import();
     }
 }

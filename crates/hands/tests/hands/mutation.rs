@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use crate::fixture::{DRIVES, Fixture, MANIFEST, MODEL};
 
 /// Pieces that are likely to lead a parser astray.
-const PIECES: &[&str] = &[
+pub const PIECES: &[&str] = &[
     "",
     "\"",
     "[",
@@ -34,12 +34,13 @@ const PIECES: &[&str] = &[
     "9223372036854775808",
 ];
 
-pub fn mutate(text: &str, edits: &[(usize, usize, usize)]) -> String {
+/// Replaces stretches of `text`, each at a place and of a length, by a piece.
+pub fn mutate(text: &str, pieces: &[&str], edits: &[(usize, usize, usize)]) -> String {
     let mut chars: Vec<char> = text.chars().collect();
     for &(at, length, piece) in edits {
         let start = at % (chars.len() + 1);
         let end = (start + length).min(chars.len());
-        chars.splice(start..end, PIECES[piece % PIECES.len()].chars());
+        chars.splice(start..end, pieces[piece % pieces.len()].chars());
     }
     chars.into_iter().collect()
 }
@@ -54,7 +55,7 @@ proptest! {
     ) {
         let (name, text) = [("hand.toml", MANIFEST), ("pincer.xml", MODEL), ("drives.xml", DRIVES)][which];
         let files = Fixture::new();
-        std::fs::write(files.path(name), mutate(text, &edits)).unwrap();
+        std::fs::write(files.path(name), mutate(text, PIECES, &edits)).unwrap();
         match files.load() {
             Ok(hand) => {
                 let map = hand.actuation();

@@ -6,6 +6,8 @@ use eigenhand_hands::xmltree::{Element, XMLNode};
 use eigenhand_hands::{HandError, ImportOptions, Imported, import};
 use proptest::prelude::*;
 
+use crate::mutation::mutate;
+
 mod corpus;
 
 /// A palm with one finger of two joints, the second following the first, and a tip on a fixed joint.
@@ -507,16 +509,6 @@ const PIECES: &[&str] = &[
     "<mimic joint=\"coupled\"/>",
 ];
 
-fn mutate(text: &str, edits: &[(usize, usize, usize)]) -> String {
-    let mut chars: Vec<char> = text.chars().collect();
-    for &(at, length, piece) in edits {
-        let start = at % (chars.len() + 1);
-        let end = (start + length).min(chars.len());
-        chars.splice(start..end, PIECES[piece % PIECES.len()].chars());
-    }
-    chars.into_iter().collect()
-}
-
 fn check_finite(imported: &Imported) -> Result<(), TestCaseError> {
     let mut text = Vec::new();
     imported.model.write(&mut text).unwrap();
@@ -540,7 +532,7 @@ proptest! {
             let n_parts = parts.len();
             parts.swap(a % n_parts, b % n_parts);
         }
-        let mut bytes = mutate(&parts.concat(), &edits).into_bytes();
+        let mut bytes = mutate(&parts.concat(), PIECES, &edits).into_bytes();
         for (at, bit) in flips {
             let n_bytes = bytes.len();
             bytes[at % n_bytes] ^= 1 << bit;
@@ -568,7 +560,7 @@ proptest! {
             <matrix>1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1</matrix><instance_geometry url="#g"/></node></visual_scene>
             </library_visual_scenes></COLLADA>"##;
         let (name, text) = [("tip.obj", TETRAHEDRON), ("tip.stl", stl), ("tip.dae", dae)][kind];
-        robot.write(&format!("urdf/{name}"), mutate(text, &edits).as_bytes());
+        robot.write(&format!("urdf/{name}"), mutate(text, PIECES, &edits).as_bytes());
         if let Err(error) = robot.import() {
             prop_assert!(error.to_string().contains(name));
         }

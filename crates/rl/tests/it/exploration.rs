@@ -1,6 +1,6 @@
 //! Statistics of the exploration.
 
-use eigenhand_rl::{Exploration, ExplorationConfig, RlError, rng};
+use eigenhand_rl::{Coordination, Exploration, ExplorationConfig, RlError, rng};
 
 const N_STEPS: usize = 40_000;
 
@@ -118,6 +118,31 @@ fn longer_holds_start_more_seldom() {
     let share = |d: usize| actions.iter().filter(|a| a[d] != 0.25).count() as f64 / N_STEPS as f64;
     assert!((share(0) - 5.0 / 14.0).abs() < 0.03, "{}", share(0));
     assert!((share(1) - 20.0 / (20.0 + 39.0)).abs() < 0.04, "{}", share(1));
+}
+
+#[test]
+fn coordinated_actions_close_together_and_go_to_ends() {
+    use Coordination::{Ends, Free, Together};
+    let coordination = vec![Together(1.0), Together(-1.0), Ends, Free];
+    let with = |coordinated_probability, coordination| {
+        let config = ExplorationConfig { coordinated_probability, coordination, ..ExplorationConfig::default() };
+        run(Exploration::warmup(&config, 4, &mut rng::stream(4, "explore", 1)), &[0.0; 4], 5)
+    };
+    let actions = with(1.0, coordination.clone());
+    assert!(actions.iter().all(|a| a[2].abs() == 1.0));
+    // Each of the two may be off the shared value by 0.15, and is held inside the range.
+    assert!(actions.iter().all(|a| (a[0] + a[1]).abs() <= 0.3 + 1e-6), "the second closes the other way");
+    let correlation =
+        |a: &[Vec<f32>], d: usize| mean(a.iter().map(|a| a[0] * a[d])) / mean(a.iter().map(|a| a[0] * a[0]));
+    assert!(correlation(&actions, 1) < -0.9 && correlation(&actions, 3).abs() < 0.05);
+    assert!(mean(actions.iter().map(|a| a[2])).abs() < 0.05, "both ends are as frequent");
+    let half = with(0.5, coordination.clone());
+    let at_ends = half.iter().filter(|a| a[2].abs() == 1.0).count() as f64 / N_STEPS as f64;
+    assert!((at_ends - 0.5).abs() < 0.02, "{at_ends}");
+    // Without a coordination nothing is drawn for it.
+    assert_eq!(with(1.0, Vec::new()), with(0.0, Vec::new()));
+    let long = ExplorationConfig { coordination, ..ExplorationConfig::default() };
+    assert!(matches!(long.validate(3), Err(RlError::Length { name: "coordination", expected: 3, got: 4 })));
 }
 
 #[test]

@@ -8,7 +8,7 @@ use xmltree::Element;
 
 use super::{Mesh, Point};
 use crate::closure;
-use crate::mjcf::elements;
+use crate::xml::elements;
 
 /// Deepest chain of nodes and of nodes that stand for others.
 const MAX_DEPTH: usize = 50;

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use xmltree::Element;
 
-use super::{attribute, elements_mut};
 use crate::closure;
 use crate::error::HandError;
 use crate::mjcf::{Compiler, Defaults};
+use crate::xml::{attribute, elements_mut, retain_elements, set};
 
 /// Reads the meshes, gives every file a name of its own, and writes what its class gives an asset onto the asset.
 pub(super) fn assets(
@@ -23,7 +23,7 @@ pub(super) fn assets(
     let mut looks = 0;
     for section in elements_mut(root).filter(|e| e.name == "asset") {
         let before = section.children.len();
-        section.children.retain(|n| n.as_element().is_some_and(|e| matches!(e.name.as_str(), "mesh" | "material")));
+        retain_elements(section, |e| matches!(e.name.as_str(), "mesh" | "material"));
         looks += before - section.children.len();
         for asset in elements_mut(section) {
             let resolved = defaults.resolve(asset, None, file)?;
@@ -31,13 +31,13 @@ pub(super) fn assets(
             asset.attributes.shift_remove("texture");
             for key in ["scale", "emission", "specular", "shininess", "reflectance", "rgba"] {
                 if let Some(value) = resolved.text(key) {
-                    asset.attributes.insert(key.to_owned(), value.to_owned());
+                    set(asset, key, value.to_owned());
                 }
             }
             let Some(written) = attribute(asset, "file").map(str::to_owned) else { continue };
             if attribute(asset, "name").is_none() {
                 let stem = Path::new(&written).file_stem().unwrap_or_default().to_string_lossy().into_owned();
-                asset.attributes.insert("name".to_owned(), stem);
+                set(asset, "name", stem);
             }
             let path = closure::mesh_path(&written, compiler, file);
             if !names.contains_key(&path) {
@@ -46,7 +46,7 @@ pub(super) fn assets(
                 kept.push((name.clone(), bytes));
                 names.insert(path.clone(), name);
             }
-            asset.attributes.insert("file".to_owned(), names[&path].clone());
+            set(asset, "file", names[&path].clone());
         }
     }
     for folder in elements_mut(root).filter(|e| e.name == "compiler") {

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use xmltree::Element;
 
-use super::{attribute, each_in_world, elements_mut};
+use super::each_in_world;
 use crate::error::HandError;
-use crate::mjcf::{Attributes, Defaults, elements};
+use crate::mjcf::{Attributes, Defaults};
+use crate::xml::{attribute, elements, elements_mut, set};
 
 /// Rotor inertia (kg m2) that stands in for a joint's inertia where a damping ratio has to become a damping.
 const NOMINAL_INERTIA: f64 = 1e-3;
@@ -32,7 +33,7 @@ pub(super) fn inertia_groups(
         if element.name == "geom" {
             let group = defaults.resolve(element, class, file)?.number("group")?.unwrap_or(0.0);
             if !(low..=high).contains(&group) {
-                element.attributes.insert("mass".to_owned(), "0".to_owned());
+                set(element, "mass", "0");
             }
         }
         Ok(())
@@ -60,7 +61,7 @@ pub(super) fn contact_bits(
         colliding += 1;
         if (contype | conaffinity) & 1 == 0 {
             blind += 1;
-            element.attributes.insert("contype".to_owned(), (contype | 1).to_string());
+            set(element, "contype", (contype | 1).to_string());
         }
         Ok::<(), HandError>(())
     })?;
@@ -70,8 +71,8 @@ pub(super) fn contact_bits(
     if colliding == 0 {
         each_in_world(root, &mut |element, _| {
             if element.name == "geom" {
-                element.attributes.insert("contype".to_owned(), "1".to_owned());
-                element.attributes.insert("conaffinity".to_owned(), "0".to_owned());
+                set(element, "contype", "1");
+                set(element, "conaffinity", "0");
             }
             Ok::<(), HandError>(())
         })?;
@@ -108,7 +109,7 @@ pub(super) fn damping(
             return Ok(());
         };
         let own = defaults.resolve(element, class, file)?.number("damping")?.unwrap_or(0.0);
-        element.attributes.insert("damping".to_owned(), (own + extra).to_string());
+        set(element, "damping", (own + extra).to_string());
         Ok::<(), HandError>(())
     })?;
     remove_everywhere(root, &["kv", "dampratio"]);

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use xmltree::Element;
 
-use super::{attribute, each_in_world, elements_mut};
+use super::each_in_world;
 use crate::error::HandError;
-use crate::mjcf::elements;
+use crate::import::note;
+use crate::xml::{attribute, elements, elements_mut, retain_elements, set};
 
 /// Sections in which an element names others.
 const REFERRING: [&str; 4] = ["contact", "equality", "tendon", "actuator"];
@@ -30,6 +31,7 @@ const REFERENCES: [(&str, &str); 16] = [
     ("joint1", "joint"),
     ("joint2", "joint"),
 ];
+
 /// Leaves out what refers to parts that were left out.
 pub(super) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
     let mut known: BTreeSet<(String, String)> = BTreeSet::new();
@@ -45,31 +47,31 @@ pub(super) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
             attribute(e, key).is_none_or(|name| known.contains(&((*kind).to_owned(), name.to_owned())))
         })
     };
-    let mut dropped = 0;
+    let mut dropped = Vec::new();
     let mut tendons = BTreeSet::new();
     for section in elements_mut(root).filter(|e| e.name == "tendon") {
-        section.children.retain(|node| {
-            let keep = node.as_element().is_some_and(|tendon| elements(tendon).all(refers_well));
-            dropped += usize::from(!keep);
+        retain_elements(section, |tendon| {
+            let keep = elements(tendon).all(refers_well);
+            dropped.extend((!keep).then(|| described(tendon)));
             keep
         });
         tendons.extend(elements(section).filter_map(|t| t.attributes.get("name").cloned()));
     }
     for section in elements_mut(root).filter(|e| REFERRING.contains(&e.name.as_str()) && e.name != "tendon") {
-        section.children.retain(|node| {
-            let keep = node.as_element().is_some_and(|e| {
-                let named = ["tendon", "tendon1", "tendon2"].iter().filter_map(|key| attribute(e, key));
-                refers_well(e) && named.into_iter().all(|name| tendons.contains(name))
-            });
-            dropped += usize::from(!keep);
+        let kind = section.name.clone();
+        retain_elements(section, |e| {
+            let named = ["tendon", "tendon1", "tendon2"].iter().filter_map(|key| attribute(e, key));
+            let keep = refers_well(e) && named.into_iter().all(|name| tendons.contains(name));
+            dropped.extend((!keep).then(|| format!("{kind} {}", described(e))));
             keep
         });
     }
-    if dropped > 0 {
-        notes.push(format!(
-            "{dropped} equalities, tendons, actuators or contact pairs refer to parts that are left out"
-        ));
-    }
+    note(notes, "left out, as they refer to parts that are left out", &dropped);
+}
+
+fn described(element: &Element) -> String {
+    let name = attribute(element, "name").map(|name| format!(" `{name}`")).unwrap_or_default();
+    format!("<{}>{name}", element.name)
 }
 
 /// Writes connections between sites as connections between their bodies.
@@ -103,10 +105,10 @@ pub(super) fn connections(root: &mut Element, file: &Path, notes: &mut Vec<Strin
                         known.keys().map(String::as_str),
                     ));
                 };
-                connect.attributes.insert(body_key.to_owned(), (*body).to_owned());
+                set(connect, body_key, (*body).to_owned());
                 if site_key == "site1" {
                     let anchor = attribute(site, "pos").unwrap_or("0 0 0");
-                    connect.attributes.insert("anchor".to_owned(), anchor.to_owned());
+                    set(connect, "anchor", anchor.to_owned());
                 }
                 changed += 1;
             }

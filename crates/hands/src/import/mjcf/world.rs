@@ -1,14 +1,17 @@
 //! One body in the world, and names on its parts.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use xmltree::{Element, XMLNode};
 
-use super::{attribute, each_in_world, elements_mut};
-use crate::mjcf::elements;
+use super::each_in_world;
+use crate::import::note;
+use crate::xml::{append, attribute, element, elements, elements_mut, retain_elements, set};
 
 /// Name of the body that is made where a file keeps parts of the hand in the world.
 const BASE: &str = "base";
+const ACTUATOR: &str = "actuator";
+
 /// Leaves one body in the world, the hand's root, without the floor, lights and objects that a hand's file may carry.
 pub(super) fn one_root(root: &mut Element, notes: &mut Vec<String>) {
     let mut world = Element::new("worldbody");
@@ -25,16 +28,13 @@ pub(super) fn one_root(root: &mut Element, notes: &mut Vec<String>) {
     let bodies = elements(&world).filter(|e| e.name == "body").count();
     let parts = elements(&world).filter(|e| matches!(e.name.as_str(), "geom" | "site")).count();
     if bodies != 1 || parts > 0 {
-        let mut base = Element::new("body");
-        base.attributes.insert("name".to_owned(), BASE.to_owned());
+        let mut base = element("body", &[("name", BASE.to_owned())]);
         base.children = std::mem::take(&mut world.children);
-        world.children.push(XMLNode::Element(base));
+        append(&mut world, base);
         notes.push(format!("the parts in the world were put into one body `{BASE}`"));
     }
-    root.children.push(XMLNode::Element(world));
-    if !gone.is_empty() {
-        notes.push(format!("left out of the hand: {}", gone.join(", ")));
-    }
+    append(root, world);
+    note(notes, "left out of the hand", &gone);
 }
 
 /// Tells whether a child of the world is part of the hand, which is then tied to its mount.
@@ -52,7 +52,7 @@ fn belongs(child: &mut Element, gone: &mut Vec<String>) -> bool {
             let free =
                 |e: &Element| e.name == "freejoint" || (e.name == "joint" && attribute(e, "type") == Some("free"));
             let was_free = elements(child).any(free);
-            child.children.retain(|node| node.as_element().is_some_and(|e| !free(e)));
+            retain_elements(child, |e| !free(e));
             if moves {
                 return true;
             }
@@ -78,54 +78,51 @@ fn has_joint(body: &Element) -> bool {
 
 /// Takes cameras and lights off the bodies.
 fn strip(parent: &mut Element) {
-    parent.children.retain(|n| n.as_element().is_some_and(|e| !matches!(e.name.as_str(), "camera" | "light")));
+    retain_elements(parent, |e| !matches!(e.name.as_str(), "camera" | "light"));
     elements_mut(parent).filter(|e| e.name == "body").for_each(strip);
 }
 
-/// Names joints, bodies and actuators that have no name.
+/// Names joints, bodies and actuators that have no name; an actuator is called like what it moves.
 pub(super) fn name_parts(root: &mut Element, notes: &mut Vec<String>) {
-    let mut made: BTreeMap<&str, usize> = BTreeMap::new();
     let mut taken = BTreeSet::new();
+    let mut made = Vec::new();
     collect_names(root, &mut taken);
-    let mut name = |element: &mut Element, kind: &'static str| {
+    let mut name = |element: &mut Element, like: String| {
         if attribute(element, "name").is_some_and(|name| !name.is_empty()) {
             return;
         }
-        let count = made.entry(kind).or_default();
-        let fresh = loop {
-            *count += 1;
-            let candidate = format!("{kind}_{count}");
-            if !taken.contains(&candidate) {
-                break candidate;
-            }
-        };
-        element.attributes.insert("name".to_owned(), fresh);
+        let kind = if matches!(element.name.as_str(), "joint" | "body") { &element.name } else { ACTUATOR };
+        let numbered =
+            (1..).map(|number| if like == kind || number > 1 { format!("{like}_{number}") } else { like.clone() });
+        let fresh = numbered.into_iter().find(|name| !taken.contains(&(kind.to_owned(), name.clone())));
+        if let Some(fresh) = fresh {
+            made.push(format!("{kind} `{fresh}`"));
+            taken.insert((kind.to_owned(), fresh.clone()));
+            set(element, "name", fresh);
+        }
     };
     let _: Result<(), ()> = each_in_world(root, &mut |element, _| {
-        match element.name.as_str() {
-            "joint" => name(element, "joint"),
-            "body" => name(element, "body"),
-            _ => {}
+        if matches!(element.name.as_str(), "joint" | "body") {
+            let kind = element.name.clone();
+            name(element, kind);
         }
         Ok(())
     });
-    for section in elements_mut(root).filter(|e| e.name == "actuator") {
+    for section in elements_mut(root).filter(|e| e.name == ACTUATOR) {
         for actuator in elements_mut(section) {
-            let target = attribute(actuator, "joint").or(attribute(actuator, "tendon")).map(str::to_owned);
-            match target.filter(|name| !taken.contains(name) || attribute(actuator, "tendon").is_none()) {
-                Some(target) if !actuator.attributes.contains_key("name") => {
-                    actuator.attributes.insert("name".to_owned(), target);
-                }
-                _ => name(actuator, "actuator"),
-            }
+            let target = ["joint", "jointinparent", "tendon"].iter().find_map(|key| attribute(actuator, key));
+            let like = target.unwrap_or(ACTUATOR).to_owned();
+            name(actuator, like);
         }
     }
-    for (kind, count) in made {
-        notes.push(format!("{count} {kind} names were made up where the file has none"));
-    }
+    note(notes, "names made up where the file has none", &made);
 }
 
-fn collect_names(element: &Element, names: &mut BTreeSet<String>) {
-    names.extend(element.attributes.get("name").cloned());
-    elements(element).for_each(|child| collect_names(child, names));
+/// Collects the names of joints, bodies and actuators; in MJCF, names of one kind are told apart.
+fn collect_names(root: &Element, names: &mut BTreeSet<(String, String)>) {
+    for child in elements(root) {
+        let kind = if root.name == ACTUATOR { ACTUATOR } else { child.name.as_str() };
+        names.extend(attribute(child, "name").map(|name| (kind.to_owned(), name.to_owned())));
+        collect_names(child, names);
+    }
 }

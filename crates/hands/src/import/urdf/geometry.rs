@@ -6,9 +6,9 @@ use nalgebra::{Isometry3, Translation3, Vector3};
 use urdf_rs::{Geometry, Robot};
 
 use super::meshes::{Meshes, Shape};
-use super::{finite, note, pose};
+use super::{finite, pose};
 use crate::error::HandError;
-use crate::import::ImportOptions;
+use crate::import::{ImportOptions, note};
 
 /// Files by the names that the model uses.
 pub(super) type Assets = Vec<(String, Vec<u8>)>;

@@ -7,8 +7,9 @@ use urdf_rs::JointType;
 
 use super::source::Source;
 use super::tree::Tree;
-use super::{HUGE, finite, note, pose};
+use super::{HUGE, finite, pose};
 use crate::error::HandError;
+use crate::import::note;
 
 /// How a joint moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,10 +6,9 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 
 use super::geometry::Assets;
-use super::note;
 use crate::error::HandError;
-use crate::import::ImportOptions;
 use crate::import::mesh::Mesh;
+use crate::import::{ImportOptions, note};
 
 /// Half of the thickness of the box that stands for a flat mesh (m).
 const MIN_HALF: f64 = 0.0005;

@@ -5,8 +5,8 @@ use std::path::Path;
 use urdf_rs::Robot;
 
 use super::joints::{Joint, Motion};
-use super::note;
 use crate::error::HandError;
+use crate::import::note;
 
 /// `dependent = offset + multiplier * driver`.
 #[derive(Debug)]

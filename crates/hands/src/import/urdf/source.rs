@@ -6,7 +6,8 @@ use xmltree::Element;
 
 use crate::closure;
 use crate::error::HandError;
-use crate::mjcf::elements;
+use crate::import::note;
+use crate::xml::{append, elements, set};
 
 /// What a joint says that the reader of URDF would replace by a default without a word.
 #[derive(Debug, Default)]
@@ -168,8 +169,8 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
     if clean.has_inertial.is_empty() {
         return Err(HandError::model(file, "<robot>", "at least one <link>", "none"));
     }
-    super::note(notes, "links that are seen but have no collision geometry touch nothing", &clean.ghosts);
-    super::note(notes, "elements that stand outside of links and joints were left out", &strays(root));
+    note(notes, "links that are seen but have no collision geometry touch nothing", &clean.ghosts);
+    note(notes, "elements that stand outside of links and joints were left out", &strays(root));
     Ok(clean)
 }
 
@@ -192,21 +193,21 @@ impl Clean {
         let inertial = link.get_child("inertial").and_then(clean_inertial);
         self.has_inertial.push(inertial.is_some());
         if let Some(inertial) = inertial {
-            push(&mut clean, inertial);
+            append(&mut clean, inertial);
         }
         for shape in elements(link).filter(|e| e.name == self.shape) {
-            push(&mut clean, clean_shape(shape, &name, file)?);
+            append(&mut clean, clean_shape(shape, &name, file)?);
         }
         if link.get_child("visual").is_some() && link.get_child(self.shape).is_none() {
             self.ghosts.push(name);
         }
-        push(&mut self.robot, clean);
+        append(&mut self.robot, clean);
         Ok(())
     }
 
     fn add_joint(&mut self, joint: &Element, file: &Path) -> Result<(), HandError> {
         let (joint, stated) = clean_joint(joint, file)?;
-        push(&mut self.robot, joint);
+        append(&mut self.robot, joint);
         self.stated.push(stated);
         Ok(())
     }
@@ -216,14 +217,14 @@ impl Clean {
 fn clean_inertial(inertial: &Element) -> Option<Element> {
     let mut clean = Element::new("inertial");
     if let Some(origin) = inertial.get_child("origin") {
-        push(&mut clean, copy(origin));
+        append(&mut clean, copy(origin));
     }
     for (name, keys) in [("mass", &["value"][..]), ("inertia", &["ixx", "ixy", "ixz", "iyy", "iyz", "izz"])] {
         let child = copy(inertial.get_child(name)?);
         if !keys.iter().all(|key| child.attributes.get(*key).is_some_and(|v| v.trim().parse::<f64>().is_ok())) {
             return None;
         }
-        push(&mut clean, child);
+        append(&mut clean, child);
     }
     Some(clean)
 }
@@ -243,11 +244,11 @@ fn clean_shape(shape: &Element, link: &str, file: &Path) -> Result<Element, Hand
     // What touches is a collision geometry from here on, whatever it was in the file.
     let mut clean = Element::new("collision");
     if let Some(origin) = shape.get_child("origin") {
-        push(&mut clean, copy(origin));
+        append(&mut clean, copy(origin));
     }
     let mut holder = Element::new("geometry");
-    push(&mut holder, copy(kind));
-    push(&mut clean, holder);
+    append(&mut holder, copy(kind));
+    append(&mut clean, holder);
     Ok(clean)
 }
 
@@ -262,13 +263,13 @@ fn clean_joint(joint: &Element, file: &Path) -> Result<(Element, Stated), HandEr
         return Err(HandError::model(file, place, expected, got));
     }
     let mut clean = copy(joint);
-    clean.attributes.insert("type".to_owned(), kind.to_owned());
+    set(&mut clean, "type", kind.to_owned());
     for key in ["parent", "child"] {
         let end = joint
             .get_child(key)
             .filter(|end| end.attributes.contains_key("link"))
             .ok_or_else(|| HandError::model(file, &place, &format!("<{key} link=\"...\">"), "none"))?;
-        push(&mut clean, copy(end));
+        append(&mut clean, copy(end));
     }
     let mut stated = Stated::default();
     for key in ["origin", "axis", "limit", "mimic", "dynamics"] {
@@ -279,7 +280,7 @@ fn clean_joint(joint: &Element, file: &Path) -> Result<(Element, Stated), HandEr
             // Required by the standard, used by nobody here, and left out by some makers.
             child.attributes.entry("velocity".to_owned()).or_insert_with(|| "0".to_owned());
         }
-        push(&mut clean, child);
+        append(&mut clean, child);
     }
     Ok((clean, stated))
 }
@@ -295,8 +296,4 @@ fn copy(element: &Element) -> Element {
     let mut copy = Element::new(&element.name);
     copy.attributes.clone_from(&element.attributes);
     copy
-}
-
-fn push(parent: &mut Element, child: Element) {
-    parent.children.push(xmltree::XMLNode::Element(child));
 }

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Isometry3, Vector3};
 use urdf_rs::Robot;
-use xmltree::{Element, XMLNode};
+use xmltree::Element;
 
 use super::geometry::{Assets, Geom};
 use super::inertia::Inertial;
 use super::joints::{Joint, Motion};
 use super::mimic::Mimic;
 use super::tree::Tree;
+use crate::xml::{append, append_section, element, numbers, set};
 
 /// Name that MuJoCo keeps for itself.
 const WORLD: &str = "world";
@@ -35,14 +36,14 @@ impl Parts<'_> {
     ) -> Element {
         let names = self.body_names(notes);
         let mut model = element("mujoco", &[("model", self.robot.name.clone())]);
-        push(&mut model, element("compiler", &[("angle", "radian".to_owned())]));
+        append(&mut model, element("compiler", &[("angle", "radian".to_owned())]));
         let meshes = assets.iter().map(|(file, _)| element("mesh", &[("name", stem(file)), ("file", file.clone())]));
-        push_section(&mut model, "asset", meshes.collect());
+        append_section(&mut model, "asset", meshes);
         // The root comes first in the order.
         let bodies = self.tree.order.first().map(|&root| self.body(root, &names));
-        push_section(&mut model, "worldbody", bodies.into_iter().collect());
-        push_section(&mut model, "contact", self.excludes(groups, &names));
-        push_section(&mut model, "equality", mimics.iter().map(|mimic| self.equality(mimic)).collect());
+        append_section(&mut model, "worldbody", bodies);
+        append_section(&mut model, "contact", self.excludes(groups, &names));
+        append_section(&mut model, "equality", mimics.iter().map(|mimic| self.equality(mimic)));
         model
     }
 
@@ -66,7 +67,7 @@ impl Parts<'_> {
         if let Some((name, joint)) = joint {
             place(&mut body, &joint.pose);
             if joint.motion != Motion::Fixed {
-                push(&mut body, joint_element(name, joint));
+                append(&mut body, joint_element(name, joint));
             }
         }
         if let Some(inertial) = &self.inertials[link] {
@@ -75,13 +76,13 @@ impl Parts<'_> {
             of_body.attributes.entry("pos".to_owned()).or_insert_with(|| "0 0 0".to_owned());
             set(&mut of_body, "mass", inertial.mass.to_string());
             set(&mut of_body, "diaginertia", vector(&inertial.moments));
-            push(&mut body, of_body);
+            append(&mut body, of_body);
         }
         for geom in &self.geoms[link] {
-            push(&mut body, geom_element(geom));
+            append(&mut body, geom_element(geom));
         }
         for &child in &self.tree.children[link] {
-            push(&mut body, self.body(child, names));
+            append(&mut body, self.body(child, names));
         }
         body
     }
@@ -124,7 +125,7 @@ impl Parts<'_> {
             set(&mut joint, "joint2", name(driver));
         }
         let slope = if mimic.driver.is_some() { mimic.multiplier } else { 0.0 };
-        set(&mut joint, "polycoef", format!("{} {slope} 0 0 0", mimic.offset));
+        set(&mut joint, "polycoef", numbers(&[mimic.offset, slope, 0.0, 0.0, 0.0]));
         joint
     }
 }
@@ -135,7 +136,7 @@ fn joint_element(name: &str, joint: &Joint) -> Element {
     set(&mut element, "axis", vector(&joint.axis));
     set(&mut element, "limited", joint.range.is_some().to_string());
     if let Some([lower, upper]) = joint.range {
-        set(&mut element, "range", format!("{lower} {upper}"));
+        set(&mut element, "range", numbers(&[lower, upper]));
     }
     for (key, value) in [("damping", joint.damping), ("frictionloss", joint.friction)] {
         if let Some(value) = value {
@@ -148,17 +149,16 @@ fn joint_element(name: &str, joint: &Joint) -> Element {
 fn geom_element(geom: &Geom) -> Element {
     let mut element = element("geom", &[("type", geom.kind.to_owned())]);
     if !geom.size.is_empty() {
-        let size: Vec<String> = geom.size.iter().map(f64::to_string).collect();
-        set(&mut element, "size", size.join(" "));
+        set(&mut element, "size", numbers(&geom.size));
     }
     if let Some(file) = &geom.mesh {
         set(&mut element, "mesh", stem(file));
     }
     place(&mut element, &geom.pose);
-    set(&mut element, "contype", "1".to_owned());
-    set(&mut element, "conaffinity", "1".to_owned());
+    set(&mut element, "contype", "1");
+    set(&mut element, "conaffinity", "1");
     // The file's inertias are all there is: MuJoCo would add its own to a link without one.
-    set(&mut element, "mass", "0".to_owned());
+    set(&mut element, "mass", "0");
     element
 }
 
@@ -169,38 +169,14 @@ fn place(element: &mut Element, pose: &Isometry3<f64>) {
     }
     let q = pose.rotation;
     if q.w.abs() != 1.0 {
-        set(element, "quat", format!("{} {} {} {}", q.w, q.i, q.j, q.k));
+        set(element, "quat", numbers(&[q.w, q.i, q.j, q.k]));
     }
 }
 
 fn vector(v: &Vector3<f64>) -> String {
-    format!("{} {} {}", v.x, v.y, v.z)
+    numbers(v.as_slice())
 }
 
 fn stem(file: &str) -> String {
     file.strip_suffix(".stl").unwrap_or(file).to_owned()
-}
-
-fn element(name: &str, attributes: &[(&str, String)]) -> Element {
-    let mut element = Element::new(name);
-    for (key, value) in attributes {
-        set(&mut element, key, value.clone());
-    }
-    element
-}
-
-fn set(element: &mut Element, key: &str, value: String) {
-    element.attributes.insert(key.to_owned(), value);
-}
-
-fn push(parent: &mut Element, child: Element) {
-    parent.children.push(XMLNode::Element(child));
-}
-
-fn push_section(model: &mut Element, name: &str, children: Vec<Element>) {
-    if !children.is_empty() {
-        let mut section = Element::new(name);
-        section.children = children.into_iter().map(XMLNode::Element).collect();
-        push(model, section);
-    }
 }

@@ -55,4 +55,10 @@ fn published_files_that_are_refused_say_why() {
     assert!(reason.contains(".dae") && reason.contains("--package sr_description=DIR"), "{reason}");
     let (reason, _) = refused("robotiq_c2_urdf/robotiq_2f_c2_gripper_visualization/urdf/robotiq_c2_model.urdf");
     assert!(reason.contains(".dae") && reason.contains("was not found"), "{reason}");
+    let (reason, _) = refused("shadow_dexee/shadow_dexee.xml");
+    assert!(reason.contains("engine plugins"), "{reason}");
+    for (path, newer) in [("franka_hand_2026/hand.xml", "implicitfast"), ("jaco_2025/jaco_hand.xml", "nativeccd")] {
+        let (reason, notes) = refused(path);
+        assert!(notes.contains(newer) && reason.contains("does not exist"), "{notes}\n{reason}");
+    }
 }
