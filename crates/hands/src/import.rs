@@ -41,7 +41,7 @@ pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> 
     let bytes = std::fs::read(file).map_err(HandError::io(file))?;
     let text = String::from_utf8_lossy(&bytes);
     let mut imported = match first_tag(&text) {
-        Some("robot") => urdf::convert(file, options, notes)?,
+        Some("robot") => urdf::convert(file, options, None, notes)?,
         Some("mujoco" | "mujocoinclude") => mjcf::read(file, notes)?,
         other => {
             let got = other.map_or_else(|| "no element".to_owned(), |name| format!("<{name}>"));
@@ -67,7 +67,8 @@ pub(crate) fn read_urdf(
     }
     let packages = manifest.packages.iter().map(|(name, path)| (name.clone(), directory.join(path))).collect();
     let mut notes = Vec::new();
-    let imported = import(&file, &ImportOptions { packages }, &mut notes)?;
+    let mut imported = urdf::convert(&file, &ImportOptions { packages }, Some(directory), &mut notes)?;
+    servos::complete(&mut imported, &file, &mut notes)?;
     let read = |path: &Path| std::fs::read(path).map_err(HandError::io(path));
     let mut contents = BTreeMap::from([
         (PathBuf::from(MANIFEST_FILE), read(manifest_path)?),

@@ -174,7 +174,7 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
         ));
     }
     for (what, value) in [
-        ("versions of the program", (|run| &run.provenance.git_revision) as fn(&Run) -> &String),
+        ("revisions of the source", (|run| &run.provenance.git_revision) as fn(&Run) -> &String),
         ("versions of the hand's files", |run| &run.provenance.hand_digest),
         ("versions of MuJoCo", |run| &run.provenance.mujoco_version),
     ] {

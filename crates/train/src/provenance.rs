@@ -1,7 +1,7 @@
 //! What a run was made with.
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 use eigenhand_hands::Hand;
 use eigenhand_sim::ffi::MuJoCo;
@@ -23,7 +23,8 @@ pub struct Provenance {
     pub hand_directory: String,
     /// Version of this program.
     pub eigenhand_version: String,
-    /// Git revision of the source it runs from, with `+` for changes that are not committed; empty outside a checkout.
+    /// Git revision of the checkout that the program was built from, as it stands at the start of the run, with `+` for
+    /// changes that are not committed; empty where there is none.
     pub git_revision: String,
     /// Version of MuJoCo.
     pub mujoco_version: String,
@@ -77,7 +78,8 @@ impl Provenance {
 
 fn git_revision() -> String {
     let git = |arguments: &[&str]| {
-        let output = Command::new("git").args(arguments).stderr(std::process::Stdio::null()).output().ok()?;
+        let source = env!("CARGO_MANIFEST_DIR");
+        let output = Command::new("git").args(["-C", source]).args(arguments).stderr(Stdio::null()).output().ok()?;
         output.status.success().then(|| String::from_utf8_lossy(&output.stdout).trim().to_owned())
     };
     let Some(revision) = git(&["rev-parse", "HEAD"]) else { return String::new() };

@@ -20,15 +20,20 @@ mod write;
 /// Length or angle that no hand reaches, beyond which arithmetic would lose itself.
 const HUGE: f64 = 1e6;
 
-/// Converts the URDF in `file`.
-pub(super) fn convert(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> Result<Imported, HandError> {
+/// Converts the URDF in `file`, whose meshes all have to lie in `within` where that is given.
+pub(super) fn convert(
+    file: &Path,
+    options: &ImportOptions,
+    within: Option<&Path>,
+    notes: &mut Vec<String>,
+) -> Result<Imported, HandError> {
     let source = source::read(file, notes)?;
     let robot = &source.robot;
     let tree = tree::Tree::of(robot, file)?;
     let joints = joints::read(&source, file, notes)?;
     let mimics = mimic::resolve(robot, &joints, file, notes)?;
     let groups = joints::groups(&tree, &joints);
-    let (geoms, assets) = geometry::read(robot, file, options, notes)?;
+    let (geoms, assets) = geometry::read(robot, file, meshes::Meshes::new(file, options, within), notes)?;
     let inertials = inertia::read(&source, &geoms, &groups, notes);
     let parts = write::Parts { robot, tree: &tree, joints: &joints, geoms: &geoms, inertials: &inertials };
     let model = parts.model(&groups, &mimics, &assets, notes);

@@ -112,4 +112,10 @@ fn a_urdf_is_read_where_it_lies() {
     assert!(!hand.notes.is_empty());
     std::fs::write(files.path("finger.urdf"), urdf.replace("1.5", "1.4")).unwrap();
     assert_ne!(files.load().unwrap().digest, hand.digest);
+    // What makes the hand lies in its directory, so that the directory can be copied.
+    std::fs::write(files.path("../stray.stl"), "solid").unwrap();
+    let stray = urdf.replace("<sphere radius=\"0.01\"/>", "<mesh filename=\"../stray.stl\"/>");
+    std::fs::write(files.path("finger.urdf"), stray).unwrap();
+    let message = files.message();
+    assert!(message.contains("leads out of the hand's directory") && message.contains("../stray.stl"), "{message}");
 }

@@ -8,7 +8,7 @@ use urdf_rs::{Geometry, Robot};
 use super::meshes::{Meshes, Shape};
 use super::{finite, pose};
 use crate::error::HandError;
-use crate::import::{ImportOptions, note};
+use crate::import::note;
 
 /// Files by the names that the model uses.
 pub(super) type Assets = Vec<(String, Vec<u8>)>;
@@ -32,10 +32,9 @@ pub(super) struct Geom {
 pub(super) fn read(
     robot: &Robot,
     file: &Path,
-    options: &ImportOptions,
+    mut meshes: Meshes<'_>,
     notes: &mut Vec<String>,
 ) -> Result<(Vec<Vec<Geom>>, Assets), HandError> {
-    let mut meshes = Meshes::new(file, options);
     let mut empty = Vec::new();
     let mut geoms = Vec::with_capacity(robot.links.len());
     for link in &robot.links {

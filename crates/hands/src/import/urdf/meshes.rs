@@ -26,6 +26,8 @@ pub(super) enum Shape {
 pub(super) struct Meshes<'a> {
     file: &'a Path,
     options: &'a ImportOptions,
+    /// The directory that has to hold them; none where they may lie anywhere.
+    within: Option<&'a Path>,
     /// By file and bits of the scale.
     shapes: HashMap<(PathBuf, [u64; 3]), Option<Shape>>,
     assets: Assets,
@@ -36,10 +38,11 @@ pub(super) struct Meshes<'a> {
 }
 
 impl<'a> Meshes<'a> {
-    pub(super) fn new(file: &'a Path, options: &'a ImportOptions) -> Self {
+    pub(super) fn new(file: &'a Path, options: &'a ImportOptions, within: Option<&'a Path>) -> Self {
         Self {
             file,
             options,
+            within,
             shapes: HashMap::new(),
             assets: Vec::new(),
             names: BTreeSet::new(),
@@ -61,7 +64,19 @@ impl<'a> Meshes<'a> {
             return Ok(None);
         }
         let path = self.find(name, link)?;
-        let key = (path.canonicalize().unwrap_or_else(|_| path.clone()), <[f64; 3]>::from(*scale).map(f64::to_bits));
+        let canonical = path.canonicalize().map_err(HandError::io(&path))?;
+        if let Some(directory) = self.within {
+            let inside = directory.canonicalize().map_err(HandError::io(directory))?;
+            if !canonical.starts_with(inside) {
+                return Err(HandError::Escape {
+                    file: self.file.to_path_buf(),
+                    key: format!("link `{link}` <mesh filename>"),
+                    got: name.to_owned(),
+                    directory: directory.to_path_buf(),
+                });
+            }
+        }
+        let key = (canonical, <[f64; 3]>::from(*scale).map(f64::to_bits));
         if let Some(shape) = self.shapes.get(&key) {
             return Ok(shape.clone());
         }
