@@ -31,9 +31,11 @@ pub struct ExplorationConfig {
     /// Factor on the mean hold of each action dimension; empty means 1 for all. A dimension that is held longer starts its
     /// random actions more seldom in the same proportion. Default empty.
     pub hold_scale: Vec<f32>,
-    /// Probability that a random action is a coordinated one, where dimensions have a [`Coordination`]. Default 0.5
+    /// Probability that a random action is a coordinated one, where dimensions have a [`Coordination`]. Default 0.8
     /// (measured).
     pub coordinated_probability: f32,
+    /// Factor on the mean hold of what moves together in a coordinated action, at least 1. Default 3 (measured).
+    pub coordinated_hold: f32,
     /// What each dimension does in a coordinated action; empty: there are none. The caller knows what dimensions mean.
     #[serde(skip)]
     pub coordination: Vec<Coordination>,
@@ -61,7 +63,8 @@ impl Default for ExplorationConfig {
             random_hold_steps: 5.0,
             warmup_hold_steps: 5.0,
             hold_scale: Vec::new(),
-            coordinated_probability: 0.5,
+            coordinated_probability: 0.8,
+            coordinated_hold: 3.0,
             coordination: Vec::new(),
         }
     }
@@ -104,6 +107,8 @@ impl ExplorationConfig {
         probability("coordinated_probability", self.coordinated_probability)?;
         steps("random_hold_steps", self.random_hold_steps)?;
         steps("warmup_hold_steps", self.warmup_hold_steps)?;
+        let hold = self.coordinated_hold;
+        check("coordinated_hold", hold, hold.is_finite() && hold >= 1.0, "a number of at least 1")?;
         let (sigma, correlation) = (self.noise_sigma, self.noise_correlation);
         check("noise_sigma", sigma, sigma.is_finite() && sigma >= 0.0, "a number of at least 0")?;
         check("noise_correlation", correlation, (0.0..1.0).contains(&correlation), "a number from 0 to below 1")?;
@@ -130,6 +135,8 @@ struct HoldGroup {
     start_probability: f32,
     end_probability: f32,
     holding: bool,
+    /// True while the action that is held moves dimensions together.
+    together: bool,
 }
 
 /// The exploration of one episode.
@@ -141,6 +148,7 @@ pub struct Exploration {
     held: Vec<f32>,
     groups: Vec<HoldGroup>,
     coordinated_probability: f32,
+    coordinated_hold: f32,
     coordination: Vec<Coordination>,
 }
 
@@ -154,6 +162,7 @@ impl Exploration {
             held: Vec::new(),
             groups: Vec::new(),
             coordinated_probability: 0.0,
+            coordinated_hold: 1.0,
             coordination: Vec::new(),
         }
     }
@@ -171,6 +180,7 @@ impl Exploration {
             held: vec![0.0; act_dim],
             groups: groups(config, act_dim, config.random_probability, config.random_hold_steps),
             coordinated_probability: config.coordinated_probability,
+            coordinated_hold: config.coordinated_hold,
             coordination: config.coordination.clone(),
         }
     }
@@ -188,6 +198,7 @@ impl Exploration {
             held: vec![0.0; act_dim],
             groups,
             coordinated_probability: config.coordinated_probability,
+            coordinated_hold: config.coordinated_hold,
             coordination: config.coordination.clone(),
             ..Self::none()
         }
@@ -200,14 +211,16 @@ impl Exploration {
     pub fn apply(&mut self, action: &mut [f32], rng: &mut impl Rng) {
         self.add_noise(action, rng);
         for group in &mut self.groups {
-            group.holding = group.holding && rng.random::<f32>() >= group.end_probability;
+            let longer = if group.together { self.coordinated_hold } else { 1.0 };
+            group.holding = group.holding && rng.random::<f32>() >= group.end_probability / longer;
             if !group.holding && rng.random::<f32>() < group.start_probability {
                 group.holding = true;
                 for &d in &group.dimensions {
                     self.held[d] = rng.random_range(-1.0..=1.0);
                 }
                 if !self.coordination.is_empty() {
-                    coordinate(group, &self.coordination, self.coordinated_probability, &mut self.held, rng);
+                    let probability = self.coordinated_probability;
+                    group.together = coordinate(group, &self.coordination, probability, &mut self.held, rng);
                 }
             }
             if group.holding {
@@ -231,14 +244,14 @@ impl Exploration {
     }
 }
 
-/// Makes the random action of a group a coordinated one, with some probability.
+/// Makes the random action of a group a coordinated one, with some probability. Returns whether any of it moves together.
 fn coordinate(
     group: &HoldGroup,
     coordination: &[Coordination],
     probability: f32,
     held: &mut [f32],
     rng: &mut impl Rng,
-) {
+) -> bool {
     let coordinated = rng.random::<f32>() < probability;
     let shared: f32 = rng.random_range(-1.0..=1.0);
     for &d in group.dimensions.iter().filter(|_| coordinated) {
@@ -248,6 +261,7 @@ fn coordinate(
             Coordination::Ends => 1.0_f32.copysign(held[d]),
         };
     }
+    coordinated && group.dimensions.iter().any(|&d| matches!(coordination[d], Coordination::Together(_)))
 }
 
 fn groups(config: &ExplorationConfig, act_dim: usize, start: f32, hold_steps: f32) -> Vec<HoldGroup> {
@@ -265,6 +279,7 @@ fn groups(config: &ExplorationConfig, act_dim: usize, start: f32, hold_steps: f3
             start_probability: start / scale,
             end_probability: 1.0 / (hold_steps * scale),
             holding: false,
+            together: false,
         };
         groups.push((scale, group));
     }

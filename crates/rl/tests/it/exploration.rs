@@ -136,9 +136,11 @@ fn coordinated_actions_close_together_and_go_to_ends() {
         |a: &[Vec<f32>], d: usize| mean(a.iter().map(|a| a[0] * a[d])) / mean(a.iter().map(|a| a[0] * a[0]));
     assert!(correlation(&actions, 1) < -0.9 && correlation(&actions, 3).abs() < 0.05);
     assert!(mean(actions.iter().map(|a| a[2])).abs() < 0.05, "both ends are as frequent");
+    assert!((mean_hold(&actions, 0) - 15.0).abs() < 1.0, "three times as long: {}", mean_hold(&actions, 0));
+    // Half of the actions, and three quarters of the time.
     let half = with(0.5, coordination.clone());
     let at_ends = half.iter().filter(|a| a[2].abs() == 1.0).count() as f64 / N_STEPS as f64;
-    assert!((at_ends - 0.5).abs() < 0.02, "{at_ends}");
+    assert!((at_ends - 0.75).abs() < 0.02, "{at_ends}");
     // Without a coordination nothing is drawn for it.
     assert_eq!(with(1.0, Vec::new()), with(0.0, Vec::new()));
     let long = ExplorationConfig { coordination, ..ExplorationConfig::default() };
