@@ -163,6 +163,21 @@ fn a_model_without_actuators_gets_servos_and_damping() {
     assert!(notes.contains("no actuators") && notes.contains("so that the hand is steady"), "{notes}");
 }
 
+/// A speed of the joint is twice as fast at the servo, and its force twice as large at the joint.
+#[test]
+fn damping_of_servos_passes_their_gear_and_tendons() {
+    let text = plain("<tendon><fixed name=\"sum\" damping=\"0.5\"><joint joint=\"bend\" coef=\"1\"/></fixed></tendon>")
+        .replace(
+            "<motor name=\"drive\" joint=\"bend\" gear=\"2\"",
+            "<position tendon=\"sum\" kv=\"0.25\"/><position name=\"drive\" joint=\"bend\" gear=\"2\" kv=\"0.1\"",
+        );
+    let (imported, notes) = read(&text);
+    assert_eq!(value(every(&imported, "fixed")[0], "damping"), "0.75");
+    let joint = every(&imported, "joint").into_iter().find(|joint| value(joint, "name") == "bend").unwrap();
+    assert_eq!(value(joint, "damping"), "0.5");
+    assert!(notes.contains("kv or dampratio of 2 servos"), "{notes}");
+}
+
 /// A pair of antagonists on one joint, one on a tendon, and one whose target's name another actuator has.
 #[test]
 fn actuators_without_a_name_get_one_of_their_own() {

@@ -7,6 +7,7 @@ use xmltree::Element;
 
 use super::each_in_world;
 use crate::error::HandError;
+use crate::import::note;
 use crate::mjcf::{Attributes, Defaults};
 use crate::xml::{attribute, elements, elements_mut, set};
 
@@ -81,47 +82,57 @@ pub(super) fn contact_bits(
     Ok(())
 }
 
-/// Turns a servo's `kv` and `dampratio` into damping of its joint, which MuJoCo integrates implicitly.
+/// Turns a servo's `kv` and `dampratio` into damping of its joint or tendon, which MuJoCo integrates implicitly.
 pub(super) fn damping(
     root: &mut Element,
     defaults: &Defaults,
     file: &Path,
     notes: &mut Vec<String>,
 ) -> Result<(), HandError> {
-    let mut added: BTreeMap<String, f64> = BTreeMap::new();
+    let mut added: BTreeMap<(&str, String), f64> = BTreeMap::new();
     let mut lost = Vec::new();
     for section in elements(root).filter(|e| e.name == "actuator") {
         for actuator in elements(section).filter(|e| e.name == "position") {
             let resolved = defaults.resolve(actuator, None, file)?;
-            let kp = resolved.number("kp")?.unwrap_or(1.0);
-            let ratio = resolved.number("dampratio")?.map(|ratio| 2.0 * ratio * (kp * NOMINAL_INERTIA).sqrt());
-            let Some(value) = resolved.number("kv")?.or(ratio).filter(|value| *value > 0.0) else { continue };
-            match resolved.text("joint") {
-                Some(joint) => *added.entry(joint.to_owned()).or_default() += value,
+            // What the servo's force and speed are at the joint.
+            let geared = resolved.number("gear")?.unwrap_or(1.0).powi(2);
+            let stiffness = geared * resolved.number("kp")?.unwrap_or(1.0);
+            let ratio = resolved.number("dampratio")?.map(|ratio| 2.0 * ratio * (stiffness * NOMINAL_INERTIA).sqrt());
+            let constant = resolved.number("kv")?.map(|kv| geared * kv);
+            let Some(value) = constant.or(ratio).filter(|value| *value > 0.0) else { continue };
+            match ["joint", "tendon"].iter().find_map(|kind| Some((*kind, resolved.text(kind)?.to_owned()))) {
+                Some(target) => *added.entry(target).or_default() += value,
                 None => lost.push(resolved.place().to_owned()),
             }
         }
     }
-    each_in_world(root, &mut |element, class| {
-        let Some(extra) =
-            attribute(element, "name").and_then(|name| added.get(name)).filter(|_| element.name == "joint")
-        else {
-            return Ok(());
-        };
-        let own = defaults.resolve(element, class, file)?.number("damping")?.unwrap_or(0.0);
-        set(element, "damping", (own + extra).to_string());
-        Ok::<(), HandError>(())
+    let extra =
+        |element: &Element, kind: &'static str| added.get(&(kind, attribute(element, "name")?.to_owned())).copied();
+    each_in_world(root, &mut |element, class| match extra(element, "joint").filter(|_| element.name == "joint") {
+        Some(value) => add_damping(element, &defaults.resolve(element, class, file)?, value),
+        None => Ok(()),
     })?;
+    for section in elements_mut(root).filter(|e| e.name == "tendon") {
+        for tendon in elements_mut(section) {
+            if let Some(value) = extra(tendon, "tendon") {
+                add_damping(tendon, &defaults.resolve(tendon, None, file)?, value)?;
+            }
+        }
+    }
+    let n_damped = added.len();
     remove_everywhere(root, &["kv", "dampratio"]);
-    if !added.is_empty() {
+    if n_damped > 0 {
         notes.push(format!(
-            "newer than MuJoCo 2.2.2: kv or dampratio of {} servos became damping of their joints",
-            added.len()
+            "newer than MuJoCo 2.2.2: kv or dampratio of {n_damped} servos became damping of their joints and tendons"
         ));
     }
-    if !lost.is_empty() {
-        notes.push(format!("kv or dampratio left out, as they act on no joint: {}", lost.join(", ")));
-    }
+    note(notes, "kv or dampratio left out, as they act on no joint or tendon", &lost);
+    Ok(())
+}
+
+fn add_damping(element: &mut Element, resolved: &Attributes, value: f64) -> Result<(), HandError> {
+    let own = resolved.number("damping")?.unwrap_or(0.0);
+    set(element, "damping", (own + value).to_string());
     Ok(())
 }
 
