@@ -92,6 +92,37 @@ fn the_closing_directions_of_described_hands_are_found() {
     assert!(n_compared > 0);
 }
 
+/// Fingers that hang from a disc, curl as far outwards as inwards, and swing sideways; one bends about the opposite axis.
+#[test]
+fn a_claw_closes_towards_its_middle() {
+    let (mut fingers, mut actuators) = (String::new(), String::new());
+    for (i, axis) in ["0 1 0", "0 -1 0", "0 1 0"].into_iter().enumerate() {
+        let angle = 120 * i;
+        let (x, y) =
+            (0.05 * f64::from(angle as u32).to_radians().cos(), 0.05 * f64::from(angle as u32).to_radians().sin());
+        fingers.push_str(&format!(
+            r#"<body pos="{x} {y} 0" euler="0 0 {angle}"><joint name="swing{i}" axis="1 0 0" range="-30 60"/>
+            <joint name="near{i}" axis="{axis}" range="-90 90"/><geom type="capsule" fromto="0 0 0 0 0 -0.07" size="0.01"/>
+            <body pos="0 0 -0.08"><joint name="far{i}" axis="{axis}" range="-90 90"/>
+            <geom type="capsule" fromto="0 0 0 0 0 -0.06" size="0.009"/></body></body>"#
+        ));
+        for (joint, range) in [("swing", "-0.5 1"), ("near", "-1.5 1.5"), ("far", "-1.5 1.5")] {
+            actuators
+                .push_str(&format!(r#"<position name="{joint}{i}" joint="{joint}{i}" kp="3" ctrlrange="{range}"/>"#));
+        }
+    }
+    let text = format!(
+        r#"<mujoco><compiler autolimits="true"/><default><joint damping="0.2" armature="0.003"/></default><worldbody>
+        <body name="disc"><geom type="cylinder" size="0.06 0.01"/>{fingers}</body></worldbody><actuator>{actuators}</actuator></mujoco>"#
+    );
+    let place = TempDir::new().unwrap();
+    let (report, _) = made(&file(&place, &text), |_| {});
+    assert_eq!((report.palm.as_str(), report.approach), ("disc", [0.0, 0.0, -1.0]));
+    assert_eq!(report.close_up, ["near0", "far0", "near2", "far2"]);
+    assert_eq!(report.close_down, ["near1", "far1"]);
+    assert_eq!(report.neither, ["swing0", "swing1", "swing2"]);
+}
+
 #[test]
 fn nothing_is_left_behind_by_a_hand_that_fails() {
     let place = TempDir::new().unwrap();

@@ -105,7 +105,7 @@ pub fn survey(
     };
     let chains = chains(&model, palm)?;
     let mut lab = Lab::new(&model, palm)?;
-    let mut poses = lab.random_postures(chains)?;
+    let mut poses = lab.postures(chains)?;
     lab.approach(&poses, hints.approach)?;
     lab.leave_out_guides(&mut poses);
     lab.straighten(&poses);

@@ -30,6 +30,17 @@ pub(super) struct Pose {
     tips: Vec<Vector3<f64>>,
 }
 
+/// A finger when it is straight.
+struct Straight {
+    /// Length in m.
+    length: f64,
+    /// Number of the posture in which it is.
+    pose: usize,
+    /// Whether it then points the way the hand approaches, as made. Such a finger may curl to either side, and the way that
+    /// leads to the grasp closes it.
+    hangs: bool,
+}
+
 /// The hand under examination.
 pub(super) struct Lab<'a> {
     model: &'a Arc<Model>,
@@ -40,8 +51,7 @@ pub(super) struct Lab<'a> {
     /// Direction of approach and centre of the grasp in the palm's frame.
     approach: Vector3<f64>,
     grasp: Vector3<f64>,
-    /// Length of each finger when it is straight, and the number of the posture in which it is.
-    straight: Vec<(f64, usize)>,
+    straight: Vec<Straight>,
     lowest: Vec<f64>,
     highest: Vec<f64>,
 }
@@ -108,17 +118,16 @@ impl<'a> Lab<'a> {
         self.palm_pose().inverse_transform_point(&base.into()).coords
     }
 
-    pub(super) fn random_postures(&mut self, chains: Vec<Chain>) -> Result<Vec<Pose>, SimError> {
+    /// The posture at zero commands, where most makers have their hand open, and random ones.
+    pub(super) fn postures(&mut self, chains: Vec<Chain>) -> Result<Vec<Pose>, SimError> {
         self.chains = chains;
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
-        let mut poses = Vec::with_capacity(POSTURES);
-        for _ in 0..POSTURES {
-            let controls: Vec<f64> =
-                self.ranges.iter().map(|&(low, high)| low + (high - low) * random.random_range(0.0..=1.0)).collect();
-            let tips = self.take(&controls)?;
-            poses.push(Pose { controls, tips });
-        }
-        Ok(poses)
+        let zero: Vec<f64> = self.ranges.iter().map(|&(low, high)| 0.0_f64.clamp(low, high)).collect();
+        let mut commands = vec![zero];
+        commands.extend((0..POSTURES).map(|_| {
+            self.ranges.iter().map(|&(low, high)| low + (high - low) * random.random_range(0.0..=1.0)).collect()
+        }));
+        commands.into_iter().map(|controls| Ok(Pose { tips: self.take(&controls)?, controls })).collect()
     }
 
     /// The mean place of a fingertip.
@@ -168,7 +177,8 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// Finds where the fingers meet, and a posture in which each is nearly straight and as far from there as it can be.
+    /// Finds where the fingers meet, and a posture in which each is nearly straight: at zero commands, if it then points the
+    /// way the hand approaches, else as far from there as it can be.
     pub(super) fn straighten(&mut self, poses: &[Pose]) {
         const NEARLY: f64 = 0.85;
         let n_fingers = self.chains.len();
@@ -180,7 +190,9 @@ impl<'a> Lab<'a> {
                 let farthest = (0..poses.len())
                     .filter(|&i| self.length(f, &poses[i]) >= NEARLY * longest)
                     .max_by(|a, b| away(a).total_cmp(&away(b)));
-                (longest, farthest.unwrap_or(0))
+                let along = (poses[0].tips[f] - self.base(&self.chains[f])).dot(&self.approach);
+                let hangs = along >= NEARLY * longest;
+                Straight { length: longest, pose: if hangs { 0 } else { farthest.unwrap_or(0) }, hangs }
             })
             .collect();
     }
@@ -188,24 +200,28 @@ impl<'a> Lab<'a> {
     /// Tells which way each actuator brings the tips of straight fingers nearer to the grasp.
     pub(super) fn closing(&mut self, poses: &[Pose]) -> Result<Vec<Closing>, SimError> {
         const NUDGE: f64 = 0.25;
+        // What moves the tip of a finger that hangs down mostly across the way to the grasp spreads fingers.
+        const TOWARDS: f64 = 0.2;
         // The strongest effect of each actuator on a finger, as a share of the strongest that any has on that finger.
         let mut strongest = vec![0.0_f64; self.ranges.len()];
-        let starts: Vec<usize> = self.straight.iter().map(|&(_, at)| at).collect();
-        for (finger, start) in starts.into_iter().enumerate() {
+        let starts: Vec<(usize, bool)> = self.straight.iter().map(|straight| (straight.pose, straight.hangs)).collect();
+        for (finger, (start, hangs)) in starts.into_iter().enumerate() {
             let from = poses[start].controls.clone();
             let side = self.plane(finger, &poses[start].tips[finger]);
             let mut effects = Vec::with_capacity(self.ranges.len());
             for actuator in 0..self.ranges.len() {
                 let (low, high) = self.ranges[actuator];
                 let mut distance = [0.0; 2];
+                let mut ends = [Vector3::zeros(); 2];
                 for (end, sign) in [-1.0, 1.0].into_iter().enumerate() {
                     let mut controls = from.clone();
                     controls[actuator] = (from[actuator] + sign * NUDGE * (high - low)).clamp(low, high);
-                    let tip = self.take(&controls)?[finger];
-                    let away = tip - self.grasp;
-                    distance[end] = away.dot(&self.approach).hypot(away.dot(&side));
+                    ends[end] = self.take(&controls)?[finger];
+                    distance[end] = self.distance(&ends[end], &side);
                 }
-                effects.push(distance[0] - distance[1]);
+                let effect = distance[0] - distance[1];
+                let spreads = hangs && effect.abs() < TOWARDS * (ends[1] - ends[0]).norm();
+                effects.push(if spreads { 0.0 } else { effect });
             }
             let largest = effects.iter().fold(1e-9_f64, |most, e| most.max(e.abs()));
             for (share, effect) in strongest.iter_mut().zip(effects) {
@@ -229,10 +245,24 @@ impl<'a> Lab<'a> {
     fn plane(&self, finger: usize, tip: &Vector3<f64>) -> Vector3<f64> {
         const LEAST: f64 = 0.35;
         let base = self.base(&self.chains[finger]);
-        let across = |v: Vector3<f64>| v - self.approach * v.dot(&self.approach);
-        let along = across((tip - base).try_normalize(1e-9).unwrap_or_else(Vector3::zeros));
-        let towards = across(self.grasp - base);
-        along.try_normalize(LEAST).or_else(|| towards.try_normalize(1e-9)).unwrap_or_else(Vector3::zeros)
+        let along = self.across((tip - base).try_normalize(1e-9).unwrap_or_else(Vector3::zeros));
+        along.try_normalize(LEAST).unwrap_or_else(|| self.towards_grasp(finger))
+    }
+
+    /// Direction from a finger's base to the grasp, across that of approach.
+    fn towards_grasp(&self, finger: usize) -> Vector3<f64> {
+        self.across(self.grasp - self.base(&self.chains[finger])).try_normalize(1e-9).unwrap_or_else(Vector3::zeros)
+    }
+
+    /// A tip's distance from the grasp in the plane of approach and `side`.
+    fn distance(&self, tip: &Vector3<f64>, side: &Vector3<f64>) -> f64 {
+        let away = tip - self.grasp;
+        away.dot(&self.approach).hypot(away.dot(side))
+    }
+
+    /// The part of a vector across the direction of approach.
+    fn across(&self, v: Vector3<f64>) -> Vector3<f64> {
+        v - self.approach * v.dot(&self.approach)
     }
 }
 

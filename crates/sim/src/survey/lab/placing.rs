@@ -63,7 +63,8 @@ impl Lab<'_> {
             tried.push((controls, self.opening(&tips)));
         }
         let widest = tried.iter().map(|(_, opening)| *opening).fold(0.0, f64::max);
-        let reach = self.straight.iter().map(|(length, _)| *length).sum::<f64>() / self.straight.len().max(1) as f64;
+        let reach =
+            self.straight.iter().map(|straight| straight.length).sum::<f64>() / self.straight.len().max(1) as f64;
         let scale = (reach / USUAL_REACH).min(widest / USUAL_OPENING);
         let scale = if (scale - 1.0).abs() <= NEAR_ONE { 1.0 } else { (scale * 20.0).round() / 20.0 };
         let scale = scale.clamp(SCALES[0], SCALES[1]);
@@ -101,10 +102,10 @@ impl Lab<'_> {
             .chains
             .iter()
             .zip(&self.straight)
-            .map(|(chain, &(reach, _))| Finger {
+            .map(|(chain, straight)| Finger {
                 body: model.body_name(chain.tip_body),
                 tip: chain.tip.map(|v| (v * 1e5).round() / 1e5).into(),
-                reach,
+                reach: straight.length,
             })
             .collect();
         Ok(Survey {
@@ -128,7 +129,7 @@ impl Lab<'_> {
     fn mount(&self, poses: &[Pose], tips: &[Vector3<f64>], scale: f64) -> (Isometry3<f64>, [f64; 2], Vec<BodyId>) {
         let down = self.approach;
         let straight: Vector3<f64> = (0..self.chains.len())
-            .map(|f| poses[self.straight[f].1].tips[f] - self.base(&self.chains[f]))
+            .map(|f| poses[self.straight[f].pose].tips[f] - self.base(&self.chains[f]))
             .map(|v| v.try_normalize(1e-9).unwrap_or_else(Vector3::zeros))
             .sum();
         let level = |v: Vector3<f64>| (v - down * v.dot(&down)).try_normalize(0.3);
