@@ -80,15 +80,21 @@ fn a_run_repeats_itself_with_any_number_of_workers() {
 }
 
 #[test]
-fn warmup_goes_on_while_little_was_held() {
-    let run = Run::new(gripper());
-    let none = run.train(&tiny(&["training.warmup_episodes=4", "training.warmup_held_steps=1000000"]));
-    assert_eq!(none.updates, 0, "24 episodes are less than 8 times 4");
-    // Eight times two episodes are the sixteen that the other run asks for.
-    let (limited, asked) = (Run::new(gripper()), Run::new(gripper()));
-    limited.train(&tiny(&["training.warmup_episodes=2", "training.warmup_held_steps=1000000"]));
-    asked.train(&tiny(&["training.warmup_episodes=16"]));
-    assert!(limited.bytes("policy.safetensors") == asked.bytes("policy.safetensors"));
+fn random_episodes_go_on_while_little_is_held() {
+    let (few, enough, plain) = (Run::new(gripper()), Run::new(gripper()), Run::new(gripper()));
+    let summary = plain.train(&tiny(&[]));
+    let same = enough.train(&tiny(&["training.least_held_steps=1"]));
+    assert_same((&plain, summary), (&enough, same));
+    let random = few.train(&tiny(&["training.least_held_steps=1000000"]));
+    assert_eq!(random.updates, 60, "it learns from them");
+    assert!(few.bytes("policy.safetensors") != plain.bytes("policy.safetensors"));
+    // As many workers as there are change nothing, and neither does a stop.
+    let again = Run::new(gripper());
+    let stop = AtomicBool::new(false);
+    let config = tiny(&["training.least_held_steps=1000000", "workers=3"]);
+    again.start(&config, &stop, &mut StopAfter { episodes: 19, stop: &stop });
+    let resumed = again.resume_to_the_end();
+    assert_same((&few, random), (&again, resumed));
 }
 
 #[test]

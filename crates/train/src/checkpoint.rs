@@ -35,8 +35,6 @@ pub struct Counters {
     pub episodes: u64,
     /// Control steps simulated in training.
     pub env_steps: u64,
-    /// Control steps at which an object was held off the plane, in training.
-    pub held_steps: u64,
     /// Minibatches learned from.
     pub updates: u64,
     /// Updates that are owed to the episodes so far, a fraction of one.
@@ -51,6 +49,8 @@ pub struct Counters {
     pub wall_s: f64,
     /// Success rate of the last evaluation.
     pub last_evaluation: Option<f64>,
+    /// Control steps at which an object was held off the plane in each of the last training episodes, oldest first.
+    pub held_steps: VecDeque<u64>,
     /// Whether the last noise-free training episodes succeeded, oldest first.
     pub recent: VecDeque<bool>,
     /// Updates since the last evaluation.

@@ -106,8 +106,9 @@ pub struct TrainingConfig {
     pub updates_per_episode: f64,
     /// First episodes, which act at random; no update before them.
     pub warmup_episodes: u64,
-    /// Steps at which an object was held off the plane that warm-up goes on for, up to [`LONGEST_WARMUP`] times its episodes.
-    pub warmup_held_steps: u64,
+    /// Steps at which an object was held off the plane, over the last `warmup_episodes` episodes; while there are fewer,
+    /// every second episode acts at random.
+    pub least_held_steps: u64,
     /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
     pub slide_hold: f32,
     /// Networks that act in training episodes: online, target or average.
@@ -128,14 +129,11 @@ pub struct TrainingConfig {
     pub checkpoints_kept: usize,
 }
 
-/// How many times its episodes warm-up may last while too few held steps were seen.
-pub const LONGEST_WARMUP: u64 = 8;
-
 impl TrainingConfig {
-    /// (episodes before this one, steps at which an object was held in them) => whether this one is warm-up
-    pub fn is_warmup(&self, episodes: u64, held_steps: u64) -> bool {
-        episodes < self.warmup_episodes
-            || (held_steps < self.warmup_held_steps && episodes < LONGEST_WARMUP * self.warmup_episodes)
+    /// (episode, steps at which an object was held in the last `warmup_episodes` ones) => whether it acts at random: every
+    /// one in warm-up and, while objects are held seldom, every second one.
+    pub fn acts_at_random(&self, episode: u64, held_steps: u64) -> bool {
+        episode < self.warmup_episodes || (held_steps < self.least_held_steps && episode % 2 == 1)
     }
 
     /// (share of training that is done) => the factor on the learning rates
@@ -530,13 +528,13 @@ mod tests {
     }
 
     #[test]
-    fn warmup_goes_on_until_enough_was_held_and_no_longer_than_that() {
+    fn episodes_act_at_random_in_warmup_and_while_little_is_held() {
         let of = |preset| Layers::new(preset).and_then(|l| l.resolve()).expect("compiled in").training;
-        let training = TrainingConfig { warmup_episodes: 10, warmup_held_steps: 5, ..of(Preset::Default) };
-        assert!(training.is_warmup(9, 100), "the least");
-        assert!(training.is_warmup(10, 4) && !training.is_warmup(10, 5));
-        assert!(training.is_warmup(10 * LONGEST_WARMUP - 1, 0) && !training.is_warmup(10 * LONGEST_WARMUP, 0));
-        assert_eq!(of(Preset::Paper).warmup_held_steps, 0);
+        let training = TrainingConfig { warmup_episodes: 10, least_held_steps: 5, ..of(Preset::Default) };
+        assert!((0..10).all(|episode| training.acts_at_random(episode, 100)));
+        assert!((10..20).all(|episode| !training.acts_at_random(episode, 5)));
+        assert_eq!((10..20).filter(|&episode| training.acts_at_random(episode, 4)).count(), 5);
+        assert_eq!(of(Preset::Paper).least_held_steps, 0);
     }
 
     #[test]

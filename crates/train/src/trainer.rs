@@ -4,6 +4,7 @@
 //! present policy, and learns while they run. So rollouts overlap with learning, act with a policy that
 //! is one cycle old, and depend on nothing but seed and configuration.
 
+use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -278,7 +279,7 @@ impl Trainer {
         exploration.scale_noise(self.config.training.noise_factor(self.done(first)) as f32);
         let exploration = Arc::new(exploration);
         let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
-        let (training, held_steps) = (&self.config.training, self.counters.held_steps);
+        let (training, held_steps) = (&self.config.training, self.counters.held_steps.iter().sum());
         let jobs: Vec<EpisodeJob> = (first..last)
             .map(|index| EpisodeJob {
                 seed: self.config.seed,
@@ -287,7 +288,7 @@ impl Trainer {
                 scene: None,
                 goal_height: self.config.task.training_goal_height,
                 policy: policy.clone(),
-                behaviour: if training.is_warmup(index, held_steps) {
+                behaviour: if training.acts_at_random(index, held_steps) {
                     Behaviour::Warmup(Arc::clone(&exploration))
                 } else {
                     Behaviour::Explore(Arc::clone(&exploration))
@@ -310,13 +311,14 @@ impl Trainer {
                 continue;
             }
             self.counters.env_steps += episode.data.shape.n_steps as u64;
-            self.counters.held_steps += episode.held_steps;
+            push_newest(
+                &mut self.counters.held_steps,
+                episode.held_steps,
+                self.config.training.warmup_episodes as usize,
+            );
             self.counters.updates_owed += self.config.training.updates_per_episode;
             if episode.greedy {
-                if self.counters.recent.len() == RECENT {
-                    self.counters.recent.pop_front();
-                }
-                self.counters.recent.push_back(episode.success);
+                push_newest(&mut self.counters.recent, episode.success, RECENT);
             }
             self.reward.judge(&mut episode.data);
             self.learner.update_normalizers(&episode.data.observations, &episode.data.achieved_goals);
@@ -359,8 +361,7 @@ impl Trainer {
 
     /// Learns as many minibatches as the episodes so far allow.
     fn learn(&mut self) -> Result<(), TrainError> {
-        let warmup = self.config.training.is_warmup(self.counters.episodes, self.counters.held_steps);
-        if warmup || self.replay.is_empty() {
+        if self.counters.episodes < self.config.training.warmup_episodes || self.replay.is_empty() {
             return Ok(());
         }
         self.set_learning_rates();
@@ -582,6 +583,14 @@ impl Trainer {
     /// Returns the number of training episodes so far.
     pub fn episodes(&self) -> u64 {
         self.counters.episodes
+    }
+}
+
+/// Appends to the newest `length` values.
+fn push_newest<T>(values: &mut VecDeque<T>, value: T, length: usize) {
+    values.push_back(value);
+    while values.len() > length {
+        values.pop_front();
     }
 }
 
