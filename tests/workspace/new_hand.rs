@@ -123,6 +123,45 @@ fn a_claw_closes_towards_its_middle() {
     assert_eq!(report.neither, ["swing0", "swing1", "swing2"]);
 }
 
+/// A gripper at the end of an arm of a turning base, a shoulder and a wrist, beside another limb.
+#[test]
+fn the_arm_above_a_hand_is_left_out() {
+    let hand = GRIPPER_MODEL
+        .replace(
+            "<body name=\"bridge\">",
+            r#"<body name="trunk"><joint name="yaw" type="hinge" axis="0 0 1" range="-180 180"/>
+            <geom size="0.05"/><body name="limb" pos="0 0.2 0"><joint name="elsewhere" type="hinge" range="-50 50"/>
+            <geom size="0.05"/></body><body name="upper" pos="0.1 0 0"><joint name="shoulder" type="hinge" axis="0 1 0" range="-60 60"/>
+            <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0"/>
+            <body name="bridge" pos="0.35 0 0"><joint name="wrist" type="hinge" axis="0 1 0" range="-40 40"/>"#,
+        )
+        .replace("<!-- extra bodies -->\n    </body>", "</body></body></body>")
+        .replace("<!-- extra actuators -->", "<motor joint=\"yaw\" ctrlrange=\"-1 1\"/><motor joint=\"shoulder\" ctrlrange=\"-1 1\"/>");
+    let place = TempDir::new().unwrap();
+    let (report, hand) = made(&file(&place, &hand), |request| request.hints.palm = Some("bridge".to_owned()));
+    assert_eq!((report.palm.as_str(), report.fingertips.len(), report.close_up.len()), ("bridge", 2, 1));
+    let said = report.notes.iter().any(|note| note.contains("begins with `upper`") && note.contains("shoulder, yaw"));
+    assert!(said, "{:?}", report.notes);
+    let joints: Vec<&str> = hand.joints.iter().map(|joint| joint.name.as_str()).collect();
+    assert_eq!(joints, ["wrist", "left_joint", "right_joint"]);
+}
+
+/// What is no hand, or is in another unit.
+#[test]
+fn what_cannot_be_a_hand_is_refused() {
+    let place = TempDir::new().unwrap();
+    for (from, to, said) in [
+        ("size=\"0.02 0.008 0.03\"", "size=\"0.02 0.008 3\"", "no finger"),
+        ("range=\"0 0.05\"", "range=\"0 0.00005\"", "no fingertip moves by more than"),
+    ] {
+        let text = GRIPPER_MODEL.replace(from, to);
+        assert_ne!(text, GRIPPER_MODEL);
+        let source = file(&place, &text);
+        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &mut Vec::new()).unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+}
+
 #[test]
 fn nothing_is_left_behind_by_a_hand_that_fails() {
     let place = TempDir::new().unwrap();

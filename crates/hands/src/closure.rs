@@ -9,7 +9,7 @@ use xmltree::{Element, XMLNode};
 
 use crate::error::HandError;
 use crate::mjcf::Compiler;
-use crate::xml::elements;
+use crate::xml::{self, elements};
 
 /// Deepest nesting of elements that is read; real hands stay far below.
 const MAX_DEPTH: usize = 200;
@@ -82,8 +82,13 @@ pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Ve
 
 /// Parses XML of bounded depth; `file` is named in errors.
 pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
-    let xml_error = |message: String| HandError::Xml { file: file.to_path_buf(), message };
+    // Readers of XML put the whole of a long reason on several lines.
+    let xml_error = |message: String| HandError::Xml {
+        file: file.to_path_buf(),
+        message: message.split_whitespace().collect::<Vec<_>>().join(" "),
+    };
     let text = std::str::from_utf8(bytes).map_err(|e| xml_error(e.to_string()))?;
+    let text = &xml::without_declaration(text).0;
     check_depth(text).map_err(xml_error)?;
     let nodes = Element::parse_all(text.as_bytes()).map_err(|e| xml_error(e.to_string()))?;
     nodes

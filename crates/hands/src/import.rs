@@ -33,6 +33,16 @@ pub struct Imported {
     pub efforts: BTreeMap<String, f64>,
 }
 
+impl Imported {
+    /// Keeps the body `hand` with what hangs on it, without the joints named, which moved it: an arm. What refers to parts
+    /// that go is left out with a note.
+    pub fn leave_out_arm(&mut self, hand: &str, joints: &[String], notes: &mut Vec<String>) {
+        mjcf::keep_body(&mut self.model, hand, joints);
+        note(notes, &format!("the hand begins with `{hand}`; left out above it, with the arm's joints"), joints);
+        mjcf::drop_dangling(&mut self.model, notes);
+    }
+}
+
 /// Reads the model in `file`, MJCF or URDF. `notes` holds what was changed until then even where reading fails.
 ///
 /// # Errors
@@ -44,7 +54,9 @@ pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> 
         Some("robot") => urdf::convert(file, options, None, notes)?,
         Some("mujoco" | "mujocoinclude") => mjcf::read(file, notes)?,
         other => {
-            let got = other.map_or_else(|| "no element".to_owned(), |name| format!("<{name}>"));
+            let is_name =
+                |name: &&str| name.len() < 100 && name.chars().all(|c| c.is_alphanumeric() || ":_-.".contains(c));
+            let got = other.filter(is_name).map_or_else(|| "no element".to_owned(), |name| format!("<{name}>"));
             return Err(HandError::model(file, "the root element", "<mujoco> (MJCF) or <robot> (URDF)", got));
         }
     };

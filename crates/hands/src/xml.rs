@@ -65,3 +65,32 @@ pub fn print(root: &Element) -> String {
         Err(_) => String::new(),
     }
 }
+
+/// Removes the XML declaration and what stands before it, keeping the line numbers of the rest. Tells whether a
+/// comment stood there.
+///
+/// Makers put licences before the declaration, which XML does not allow; and the text is UTF-8 by now, whatever it
+/// declares.
+pub(crate) fn without_declaration(text: &str) -> (String, bool) {
+    let mut at = 0;
+    let mut comment = false;
+    loop {
+        let rest = &text[at..];
+        let trimmed = rest.trim_start();
+        at += rest.len() - trimmed.len();
+        if !trimmed.starts_with("<!--") {
+            break;
+        }
+        let Some(end) = trimmed.find("-->") else { return (text.to_owned(), false) };
+        comment = true;
+        at += end + "-->".len();
+    }
+    let declaration = &text[at..];
+    if !declaration.starts_with("<?xml") {
+        return (text.to_owned(), false);
+    }
+    let Some(end) = declaration.find("?>") else { return (text.to_owned(), false) };
+    let end = at + end + "?>".len();
+    let lines = text[..end].matches('\n').count();
+    (format!("{}{}", "\n".repeat(lines), &text[end..]), comment)
+}

@@ -14,9 +14,11 @@ use nalgebra::Isometry3;
 use crate::SimError;
 use crate::ffi::{Model, MuJoCo};
 
+mod arm;
 mod fingers;
 mod lab;
 
+pub use arm::{Arm, arm};
 use fingers::{chains, common_ancestor};
 use lab::Lab;
 
@@ -109,6 +111,7 @@ pub fn survey(
     lab.approach(&poses, hints.approach)?;
     lab.leave_out_guides(&mut poses);
     lab.straighten(&poses);
+    lab.check_fingers(&poses)?;
     let closing = lab.closing(&poses)?;
     let open = lab.open(&closing)?;
     lab.report(&poses, closing, open, &touching)

@@ -11,7 +11,7 @@ use eigenhand_hands::xml::{append_section, attribute, element, elements, element
 use eigenhand_hands::xmltree::{Element, XMLNode};
 use eigenhand_hands::{Hand, ImportOptions, Imported, MANIFEST_FILE, SCHEMA, import, is_hand_name};
 use eigenhand_sim::ffi::MuJoCo;
-use eigenhand_sim::survey::{Closing, Hints, Survey, survey};
+use eigenhand_sim::survey::{Closing, Hints, Survey, arm, survey};
 use serde::Serialize;
 
 use crate::TrainError;
@@ -89,6 +89,9 @@ pub fn new_hand(
         return Err(TrainError::HandExists { path: directory.clone() });
     }
     let mut imported = import(&request.source, &request.options, notes)?;
+    if let Some(arm) = arm(library, &imported.model, &imported.assets, &request.hints)? {
+        imported.leave_out_arm(&arm.hand, &arm.joints, notes);
+    }
     let found = survey(library, &imported.model, &imported.assets, &request.hints)?;
     let tips = add_tips(&mut imported.model, &found);
     exclude_overlaps(&mut imported.model, &found, notes);

@@ -9,6 +9,7 @@ use super::{Imported, newer};
 use crate::closure;
 use crate::error::HandError;
 use crate::mjcf::{Compiler, Defaults};
+use crate::model::Joints;
 use crate::xml::{append, attribute, element, elements_mut, retain_elements};
 
 mod assets;
@@ -16,15 +17,25 @@ mod physics;
 mod references;
 mod world;
 
+pub(super) use references::drop_dangling;
+pub(super) use world::keep_body;
+
 /// Reads the MJCF in `file`.
 pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Imported, HandError> {
     let mut root = closure::expand(file)?;
     let compiler = Compiler::read(&root, file)?;
     newer::mend(&mut root, file, notes)?;
+    if root.name == "mujocoinclude" {
+        let got = "<mujocoinclude>, a part of a model; name the file that includes it";
+        return Err(HandError::model(file, "root element", "<mujoco>", got));
+    }
     settings(&mut root, file, notes)?;
     leave_out_sections(&mut root, notes);
     world::one_root(&mut root, notes);
     world::name_parts(&mut root, notes);
+    if Joints::read(&root, file)?.0.is_empty() {
+        return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));
+    }
     references::drop_dangling(&mut root, notes);
     let defaults = Defaults::read(&root, file)?;
     let assets = assets::assets(&mut root, &defaults, &compiler, file, notes)?;
@@ -61,6 +72,10 @@ pub(crate) fn each_in_world<E>(
 
 /// Settings of the compiler that would change the scene around the hand.
 fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+    if in_radians_unsaid(root, file)? {
+        append(root, element("compiler", &[("angle", "radian".to_owned())]));
+        notes.push("the file does not say in which unit its angles are, and ranges so small are radians".to_owned());
+    }
     let mut limits_written = false;
     for compiler in elements_mut(root).filter(|e| e.name == "compiler") {
         if attribute(compiler, "coordinate") == Some("global") {
@@ -81,6 +96,25 @@ fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<
         append(root, element("compiler", &[("autolimits", "true".to_owned())]));
     }
     Ok(())
+}
+
+/// Tells whether angles must be radians although nothing says so, as in a file that others include: no hinge has a range
+/// beyond a turn of so many radians, which would be a few degrees.
+fn in_radians_unsaid(root: &mut Element, file: &Path) -> Result<bool, HandError> {
+    if elements_mut(root).any(|e| e.name == "compiler" && attribute(e, "angle").is_some()) {
+        return Ok(false);
+    }
+    let defaults = Defaults::read(root, file)?;
+    let mut widest: f64 = 0.0;
+    each_in_world(root, &mut |element, class| {
+        let hinge = |e: &Element| e.name == "joint" && matches!(attribute(e, "type"), None | Some("hinge"));
+        if hinge(element) {
+            let range = defaults.resolve(element, class, file)?.numbers("range")?;
+            widest = range.into_iter().flatten().fold(widest, |most, end| most.max(end.abs()));
+        }
+        Ok::<(), HandError>(())
+    })?;
+    Ok((f64::EPSILON..=std::f64::consts::TAU).contains(&widest))
 }
 
 fn leave_out_sections(root: &mut Element, notes: &mut Vec<String>) {

@@ -178,6 +178,36 @@ fn damping_of_servos_passes_their_gear_and_tendons() {
     assert!(notes.contains("kv or dampratio of 2 servos"), "{notes}");
 }
 
+/// A part of a scene whose main file says `angle="radian"`, and one that cannot be meant so.
+#[test]
+fn small_ranges_without_a_unit_are_radians() {
+    let unsaid = plain("").replace(" angle=\"radian\"", "");
+    let (imported, notes) = read(&unsaid);
+    assert!(every(&imported, "compiler").iter().any(|compiler| value(compiler, "angle") == "radian"));
+    assert!(notes.contains("ranges so small are radians"), "{notes}");
+    let (imported, notes) = read(&unsaid.replace("range=\"0 1\"", "range=\"0 90\""));
+    assert!(every(&imported, "compiler").iter().all(|compiler| value(compiler, "angle").is_empty()), "{notes}");
+}
+
+/// An object on joints of its own, as tasks have it.
+#[test]
+fn what_no_actuator_moves_is_an_object() {
+    let door = r#"<worldbody><body name="door"><joint name="hinge"/><geom size="0.1"/></body></worldbody>"#;
+    let (imported, notes) = read(&plain(door));
+    let bodies: Vec<&str> = every(&imported, "body").iter().map(|body| value(body, "name")).collect();
+    assert_eq!(bodies, ["base", "finger"]);
+    assert!(notes.contains("the object `door`, which no actuator moves"), "{notes}");
+    // A part that a coupling moves is the hand's.
+    let coupled = format!(r#"{door}<equality><joint joint1="hinge" joint2="bend"/></equality>"#);
+    assert!(every(&read(&plain(&coupled)).0, "body").iter().any(|body| value(body, "name") == "door"));
+}
+
+#[test]
+fn a_licence_may_stand_before_the_declaration() {
+    let (imported, _) = read(&format!("<!-- free -->\n<?xml version=\"1.0\"?>\n{}", plain("")));
+    assert_eq!(every(&imported, "joint").len(), 1);
+}
+
 /// A pair of antagonists on one joint, one on a tendon, and one whose target's name another actuator has.
 #[test]
 fn actuators_without_a_name_get_one_of_their_own() {
@@ -230,6 +260,8 @@ fn what_cannot_be_kept_is_refused_with_the_reason() {
         (plain("").replace("angle=\"radian\"", "coordinate=\"global\""), "local coordinates"),
         (plain("<asset><mesh file=\"absent.stl\"/></asset>"), "absent.stl does not exist"),
         ("<model/>".to_owned(), "<mujoco> (MJCF) or <robot> (URDF)"),
+        ("<mujocoinclude><body/></mujocoinclude>".to_owned(), "name the file that includes it"),
+        (plain("").replace("<joint name=\"bend\" range=\"0 1\" damping=\"0.1\"/>", ""), "at least one joint"),
         (String::new(), "no element"),
     ] {
         let files = Files::new(&text);

@@ -291,6 +291,23 @@ fn a_comment_before_the_declaration_is_skipped_and_said() {
 }
 
 #[test]
+fn prefixes_need_no_declaration() {
+    let drake = FINGER.replace("<material ", "<drake:group name=\"a\" drake:kind=\"b:c\"/><material ");
+    assert_ne!(drake, FINGER);
+    assert_eq!(convert(&drake).model, convert(FINGER).model);
+}
+
+/// MuJoCo looks for a centre of mass where a body has several geoms without mass.
+#[test]
+fn a_fixed_link_without_inertia_says_that_it_has_none() {
+    let shape = "<collision><geometry><sphere radius=\"0.01\"/></geometry></collision>";
+    let imported =
+        convert(&FINGER.replace("<link name=\"tip\"/>", &format!("<link name=\"tip\">{shape}{shape}</link>")));
+    let tip = body(&imported, "tip");
+    assert_eq!((all(tip, "geom").len(), numbers(all(tip, "inertial")[0], "mass")), (2, vec![0.0]));
+}
+
+#[test]
 fn broken_trees_are_refused() {
     let link = |name: &str| format!("<link name=\"{name}\"/>");
     let joint = |name: &str, parent: &str, child: &str| {

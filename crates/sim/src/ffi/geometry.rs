@@ -111,4 +111,11 @@ impl Data {
         let all = unsafe { slice_of(self.get().xanchor, 3 * self.model().joints().count() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
     }
+
+    /// Returns the axis of a joint in the world, of length 1.
+    pub fn joint_axis(&self, id: JointId) -> Vector3<f64> {
+        // SAFETY: xaxis holds three numbers a joint.
+        let all = unsafe { slice_of(self.get().xaxis, 3 * self.model().joints().count() as i32) };
+        Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
+    }
 }

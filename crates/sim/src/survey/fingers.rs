@@ -114,6 +114,9 @@ pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bo
             let part = rigid_root(model, moves, model.geom_body(g));
             let from = joint_of(part).map_or(base, |joint| base_of(model, data, palm, joint));
             let away = data.geom_position(g) - from;
+            // A jaw ends where it reaches farthest across the way it slides.
+            let slides = joint_of(part).filter(|&joint| model.joint_slides(joint)).map(|joint| data.joint_axis(joint));
+            let away = slides.map_or(away, |axis| away - axis * away.dot(&axis));
             let outward = if away.norm() > 1e-6 { away } else { from - base };
             // On the line through the geom's middle: a box's farthest point is a corner.
             let (middle, outward) = (data.geom_position(g), outward.try_normalize(1e-9).unwrap_or_else(Vector3::z));

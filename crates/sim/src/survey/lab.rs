@@ -20,6 +20,9 @@ const SETTLE_TIME: f64 = 1.0;
 /// An actuator whose effect on a fingertip's distance from the grasp is below this share of the finger's largest does
 /// not close it.
 const NEUTRAL: f64 = 0.16;
+/// Reach in m of what can be a finger, and the least way in m that a fingertip has to be able to go.
+const REACHES: [f64; 2] = [0.005, 0.6];
+const TRAVELS: f64 = 0.004;
 /// A direction within this angle (rad) of an axis of the palm is taken to be that axis.
 const SNAP_ANGLE: f64 = 0.7;
 const SEED: u64 = 7;
@@ -195,6 +198,35 @@ impl<'a> Lab<'a> {
                 Straight { length: longest, pose: if hangs { 0 } else { farthest.unwrap_or(0) }, hangs }
             })
             .collect();
+    }
+
+    /// Refuses what cannot hold an object of a few centimetres.
+    pub(super) fn check_fingers(&self, poses: &[Pose]) -> Result<(), SimError> {
+        let travel = |f: usize| poses.iter().map(|pose| (pose.tips[f] - poses[0].tips[f]).norm()).fold(0.0, f64::max);
+        let widest = (0..self.chains.len()).map(travel).fold(0.0, f64::max);
+        if widest < TRAVELS {
+            return Err(refuse(format!(
+                "no fingertip moves by more than {:.1} mm, whatever the actuators are told: are the ranges of joints and \
+                 controls in the unit that the file says?",
+                1000.0 * widest
+            )));
+        }
+        for (chain, straight) in self.chains.iter().zip(&self.straight) {
+            let body = self.model.body_name(chain.tip_body);
+            let reach = 100.0 * straight.length;
+            if reach > 100.0 * REACHES[1] {
+                return Err(refuse(format!(
+                    "{body:?} reaches {reach:.0} cm from its first joint, which is no finger: where the file holds more than a \
+                     hand, name the palm with --palm; where its meshes are in millimetres, scale them by 0.001"
+                )));
+            }
+            if reach < 100.0 * REACHES[0] {
+                return Err(refuse(format!(
+                    "{body:?} reaches {reach:.2} cm from its first joint, which is no finger: are its lengths in metres?"
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Tells which way each actuator brings the tips of straight fingers nearer to the grasp.

@@ -33,7 +33,7 @@ const REFERENCES: [(&str, &str); 16] = [
 ];
 
 /// Leaves out what refers to parts that were left out.
-pub(super) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
+pub(in crate::import) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
     let mut known: BTreeSet<(String, String)> = BTreeSet::new();
     let _: Result<(), ()> = each_in_world(root, &mut |element, _| {
         if let Some(name) = attribute(element, "name") {
@@ -62,7 +62,8 @@ pub(super) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
         retain_elements(section, |e| {
             let named = ["tendon", "tendon1", "tendon2"].iter().filter_map(|key| attribute(e, key));
             let keep = refers_well(e) && named.into_iter().all(|name| tendons.contains(name));
-            dropped.extend((!keep).then(|| format!("{kind} {}", described(e))));
+            // Bodies that need not touch no longer are of no interest.
+            dropped.extend((!keep && e.name != "exclude").then(|| format!("{kind} {}", described(e))));
             keep
         });
     }

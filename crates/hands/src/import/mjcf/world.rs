@@ -24,6 +24,7 @@ pub(super) fn one_root(root: &mut Element, notes: &mut Vec<String>) {
     });
     let mut gone = Vec::new();
     world.children.retain_mut(|node| node.as_mut_element().is_some_and(|child| belongs(child, &mut gone)));
+    leave_out_unmoved(&mut world, root, &mut gone);
     strip(&mut world);
     let bodies = elements(&world).filter(|e| e.name == "body").count();
     let parts = elements(&world).filter(|e| matches!(e.name.as_str(), "geom" | "site")).count();
@@ -65,6 +66,62 @@ fn belongs(child: &mut Element, gone: &mut Vec<String>) -> bool {
             false
         }
         _ => true,
+    }
+}
+
+/// Where actuators move some bodies of the world, those that neither they nor couplings reach are objects.
+fn leave_out_unmoved(world: &mut Element, root: &Element, gone: &mut Vec<String>) {
+    const KEYS: [&str; 7] = ["joint", "joint1", "joint2", "jointinparent", "body", "body1", "body2"];
+    fn names(element: &Element, found: &mut BTreeSet<String>) {
+        found.extend(KEYS.iter().filter_map(|key| attribute(element, key)).map(str::to_owned));
+        elements(element).for_each(|child| names(child, found));
+    }
+    fn reached(body: &Element, named: &BTreeSet<String>) -> bool {
+        let parts = |e: &Element| matches!(e.name.as_str(), "joint" | "body");
+        attribute(body, "name").is_some_and(|name| named.contains(name))
+            || elements(body).filter(|e| parts(e)).any(|part| reached(part, named))
+    }
+    let mut named = BTreeSet::new();
+    elements(root)
+        .filter(|e| matches!(e.name.as_str(), ACTUATOR | "tendon" | "equality"))
+        .for_each(|section| names(section, &mut named));
+    if !elements(world).any(|body| body.name == "body" && reached(body, &named)) {
+        return;
+    }
+    retain_elements(world, |child| {
+        let stays = child.name != "body" || reached(child, &named);
+        if !stays {
+            let name = attribute(child, "name").map(|name| format!(" `{name}`")).unwrap_or_default();
+            gone.push(format!("the object{name}, which no actuator moves"));
+        }
+        stays
+    });
+}
+
+/// Makes `name` the one body in the world, without these of its joints.
+pub(in crate::import) fn keep_body(root: &mut Element, name: &str, joints: &[String]) {
+    // The class that bodies around it give its parts goes with it.
+    fn take(parent: &mut Element, name: &str, class: Option<&str>) -> Option<Element> {
+        for child in elements_mut(parent).filter(|e| e.name == "body") {
+            let class = attribute(child, "childclass").or(class).map(str::to_owned);
+            if attribute(child, "name") == Some(name) {
+                if let Some(class) = class {
+                    set(child, "childclass", class);
+                }
+                return Some(child.clone());
+            }
+            if let Some(found) = take(child, name, class.as_deref()) {
+                return Some(found);
+            }
+        }
+        None
+    }
+    for world in elements_mut(root).filter(|e| e.name == "worldbody") {
+        let Some(mut body) = take(world, name, None) else { continue };
+        let is_gone = |e: &Element| e.name == "joint" && joints.iter().any(|joint| attribute(e, "name") == Some(joint));
+        retain_elements(&mut body, |e| !is_gone(e));
+        world.children.clear();
+        append(world, body);
     }
 }
 

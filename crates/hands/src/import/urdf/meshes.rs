@@ -136,7 +136,11 @@ impl<'a> Meshes<'a> {
             let path = name.strip_prefix("file://").unwrap_or(&name);
             let direct = directory.join(path);
             let found = if direct.is_file() { Some(direct.clone()) } else { above(path) };
-            return found.ok_or_else(|| missing(format!("put it at {}", direct.display())));
+            let way_out = || match name.contains("://") && !name.starts_with("file://") {
+                true => "download it, and name the file here".to_owned(),
+                false => format!("put it at {}", direct.display()),
+            };
+            return found.ok_or_else(|| missing(way_out()));
         };
         let (package, path) = rest.split_once('/').unwrap_or((rest, ""));
         if let Some(directory) = self.options.packages.get(package) {

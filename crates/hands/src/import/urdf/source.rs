@@ -1,5 +1,6 @@
 //! The text of a URDF, made fit for a strict XML reader, and the robot in it.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use xmltree::Element;
@@ -7,7 +8,7 @@ use xmltree::Element;
 use crate::closure;
 use crate::error::HandError;
 use crate::import::note;
-use crate::xml::{append, elements, set};
+use crate::xml::{self, append, elements, set};
 
 /// What a joint says that the reader of URDF would replace by a default without a word.
 #[derive(Debug, Default)]
@@ -42,9 +43,12 @@ struct Clean {
 pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Source, HandError> {
     let bytes = std::fs::read(file).map_err(HandError::io(file))?;
     let text = decode(&bytes, notes);
-    let text = drop_declaration(&text, notes);
+    let (text, comment) = xml::without_declaration(&text);
+    if comment {
+        notes.push("a comment stands before the XML declaration, which XML does not allow; it was skipped".to_owned());
+    }
     refuse_xacro_tags(&text, file)?;
-    let root = closure::parse(text.as_bytes(), file)?;
+    let root = closure::parse(declare_prefixes(&text).as_bytes(), file)?;
     if root.name != "robot" {
         return Err(HandError::model(file, "root element", "<robot>", format!("<{}>", root.name)));
     }
@@ -75,35 +79,27 @@ fn decode(bytes: &[u8], notes: &mut Vec<String>) -> String {
     }
 }
 
-/// Removes the XML declaration and what stands before it, keeping the line numbers of the rest.
-///
-/// Makers put licences before the declaration, which XML does not allow; and the text is UTF-8 by now, whatever it
-/// declares.
-fn drop_declaration(text: &str, notes: &mut Vec<String>) -> String {
-    let mut at = 0;
-    let mut comment = false;
-    loop {
-        let rest = &text[at..];
-        let trimmed = rest.trim_start();
-        at += rest.len() - trimmed.len();
-        if !trimmed.starts_with("<!--") {
-            break;
+/// Declares the prefixes of names that the text uses without a declaration, such as `drake:`, on the root element.
+fn declare_prefixes(text: &str) -> String {
+    let mut undeclared = BTreeSet::new();
+    for tag in text.split('<').skip(1).map(|rest| rest.split('>').next().unwrap_or(rest)) {
+        // What stands in quotes is a value.
+        let names: String = tag.split(['"', '\'']).step_by(2).collect::<Vec<_>>().join(" ");
+        for name in names.split(|c: char| c.is_whitespace() || matches!(c, '=' | '/')) {
+            if let Some((prefix, _)) = name.split_once(':').filter(|(prefix, _)| *prefix != "xmlns" && *prefix != "xml")
+            {
+                let plain = prefix.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.'));
+                if plain
+                    && prefix.starts_with(|c: char| c.is_ascii_alphabetic())
+                    && !text.contains(&format!("xmlns:{prefix}"))
+                {
+                    undeclared.insert(prefix.to_owned());
+                }
+            }
         }
-        let Some(end) = trimmed.find("-->") else { return text.to_owned() };
-        comment = true;
-        at += end + "-->".len();
     }
-    let declaration = &text[at..];
-    if !declaration.starts_with("<?xml") {
-        return text.to_owned();
-    }
-    let Some(end) = declaration.find("?>") else { return text.to_owned() };
-    if comment {
-        notes.push("a comment stands before the XML declaration, which XML does not allow; it was skipped".to_owned());
-    }
-    let end = at + end + "?>".len();
-    let lines = text[..end].matches('\n').count();
-    format!("{}{}", "\n".repeat(lines), &text[end..])
+    let declarations: String = undeclared.iter().map(|prefix| format!(" xmlns:{prefix}=\"undeclared\"")).collect();
+    text.replacen("<robot", &format!("<robot{declarations}"), 1)
 }
 
 fn xacro(file: &Path, got: String) -> HandError {

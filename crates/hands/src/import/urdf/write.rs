@@ -77,6 +77,10 @@ impl Parts<'_> {
             set(&mut of_body, "mass", inertial.mass.to_string());
             set(&mut of_body, "diaginertia", vector(&inertial.moments));
             append(&mut body, of_body);
+        } else if !self.geoms[link].is_empty() {
+            // Said, because MuJoCo would look for a centre of mass among geoms without mass.
+            let nothing = [("pos", "0 0 0"), ("mass", "0"), ("diaginertia", "0 0 0")];
+            append(&mut body, element("inertial", &nothing.map(|(key, value)| (key, value.to_owned()))));
         }
         for geom in &self.geoms[link] {
             append(&mut body, geom_element(geom));
