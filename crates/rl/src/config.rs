@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{NormalizerConfig, RlError};
 
+/// Number of actions of the hand for which OpenAI baselines chose the factor on their mean square.
+pub const ACTION_L2_DIMENSIONS: f32 = 20.0;
+
 /// Constants of [`Ddpg`](crate::Ddpg).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -25,7 +28,8 @@ pub struct DdpgConfig {
     pub average_updates: u64,
     /// Transitions in a minibatch. Default 256 (OpenAI baselines HER).
     pub batch_size: usize,
-    /// Factor on the mean square of the actor's actions in its loss. Default 1 (OpenAI baselines HER).
+    /// Factor on the mean square of the actor's actions in its loss; with fewer than [`ACTION_L2_DIMENSIONS`] of them, on
+    /// the sum of the squares over that number. Default 1 (OpenAI baselines HER).
     pub action_l2: f32,
     /// Whether targets are clipped to [-1 / (1 - gamma), 0], which is right for rewards in [-1, 0]. Default true (OpenAI
     /// baselines HER).

@@ -4,6 +4,7 @@ use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
 use crate::adam::Follow;
+use crate::config::ACTION_L2_DIMENSIONS;
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
 use crate::{
     ActionCost, Adam, AdamConfig, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, Which, elementwise,
@@ -344,6 +345,7 @@ impl Ddpg {
         let actions = self.actor.online.forward(Rows { data: input, stride }, actor);
         write_actions(input, stride, actions, act_dim);
         let square_mean = elementwise::dot(actions, actions) / actions.len() as f32;
+        let l2 = action_l2(&self.config, act_dim);
 
         let x = Rows { data: input, stride };
         let value_mean = self.critics[0].online.forward(x, critic).iter().sum::<f32>() / n as f32;
@@ -351,20 +353,22 @@ impl Ddpg {
         let wanted = InputGradient { first: stride - act_dim, out: action_gradient };
         self.critics[0].online.backward(x, value_gradient, critic, None, Some(wanted));
 
-        let l2 = 2.0 * self.config.action_l2 / actions_len(n, act_dim);
-        action_gradient.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += l2 * a);
+        let slope = 2.0 * l2 / (n * act_dim) as f32;
+        action_gradient.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += slope * a);
         let cost = self
             .action_cost
             .as_ref()
             .map(|cost| cost.add_gradient(rewards, actor.output(), action_gradient, deviations));
         self.actor.online.backward(x, action_gradient, actor, Some(actor_gradient), None);
         self.actor.step(actor_gradient, tau);
-        (self.config.action_l2 * square_mean - value_mean + cost.unwrap_or(0.0), square_mean)
+        (l2 * square_mean - value_mean + cost.unwrap_or(0.0), square_mean)
     }
 }
 
-fn actions_len(batch: usize, act_dim: usize) -> f32 {
-    (batch * act_dim) as f32
+/// The factor on the mean square of the actions. Where there are few, each would count for more of that mean than where the
+/// factor comes from, and would outweigh what little the value says at first.
+fn action_l2(config: &DdpgConfig, act_dim: usize) -> f32 {
+    config.action_l2 * (act_dim as f32 / ACTION_L2_DIMENSIONS).min(1.0)
 }
 
 fn write_actions(input: &mut [f32], stride: usize, actions: &[f32], act_dim: usize) {

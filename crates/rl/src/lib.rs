@@ -29,7 +29,7 @@ mod tensors;
 
 pub use action_cost::ActionCost;
 pub use adam::{Adam, AdamConfig};
-pub use config::DdpgConfig;
+pub use config::{ACTION_L2_DIMENSIONS, DdpgConfig};
 pub use ddpg::{Ddpg, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};
 pub use error::RlError;

@@ -1,7 +1,8 @@
 //! Gradients against finite differences of a network written out in double precision.
 
 use eigenhand_rl::{
-    Ddpg, DdpgConfig, EpisodeShape, InputGradient, LayerShape, Mlp, OutputActivation, Rows, TensorMap, rng,
+    ACTION_L2_DIMENSIONS, Ddpg, DdpgConfig, EpisodeShape, InputGradient, LayerShape, Mlp, OutputActivation, Rows,
+    TensorMap, rng,
 };
 use rand::RngExt;
 
@@ -202,7 +203,7 @@ fn check_losses(critic_layer_norm: bool) {
         let term = |i: usize| {
             let s = state(&batch.observations, i);
             let a = act(actor, &s);
-            action_l2 * a.iter().map(|a| a * a).sum::<f64>() / 3.0 - value(&critic, &s, &a)
+            action_l2 * a.iter().map(|a| a * a).sum::<f64>() / f64::from(ACTION_L2_DIMENSIONS) - value(&critic, &s, &a)
         };
         (0..BATCH).map(term).sum::<f64>() / BATCH as f64
     };

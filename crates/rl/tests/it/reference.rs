@@ -1,6 +1,8 @@
 //! One whole update against numbers that `tests/data/generate_update.py` computed with NumPy.
 
-use eigenhand_rl::{Batch, Ddpg, DdpgConfig, EpisodeShape, NormalizerConfig, TensorData, TensorMap, rng};
+use eigenhand_rl::{
+    ACTION_L2_DIMENSIONS, Batch, Ddpg, DdpgConfig, EpisodeShape, NormalizerConfig, TensorData, TensorMap, rng,
+};
 
 use crate::assert_close;
 
@@ -14,7 +16,8 @@ fn config(twin_critics: bool) -> DdpgConfig {
         tau: 0.05,
         average_updates: 3,
         critic_layer_norm: false,
-        action_l2: 0.7,
+        // The reference takes the mean.
+        action_l2: 0.7 * ACTION_L2_DIMENSIONS / SHAPE.act_dim as f32,
         batch_size: BATCH,
         twin_critics,
         normalizer: NormalizerConfig { epsilon: 0.01, norm_clip: 1.5, raw_clip: 3.0 },
