@@ -23,6 +23,8 @@ const NEAR: f64 = 0.01;
 const LAST_GROUP: i32 = 2;
 /// Where the light comes from, in the camera's frame: from behind it, above and to the left.
 const LIGHT: Vector3<f64> = Vector3::new(-0.6, 1.0, -0.5);
+/// Least part of each colour in a surface: a black hand would be a silhouette.
+const DARKEST: f64 = 0.2;
 /// Shares of a colour that are seen anyway, where the light falls straight on it, and where the camera looks straight at it.
 const AMBIENT: f64 = 0.35;
 const DIFFUSE: f64 = 0.5;
@@ -190,7 +192,7 @@ impl<'a> Canvas<'a> {
                     let falls = normal.dot(&light) * if towards < 0.0 { -1.0 } else { 1.0 };
                     let shade = AMBIENT + DIFFUSE * falls.max(0.0) + HEADLIGHT * towards.abs();
                     depth[sample] = at;
-                    painted[sample] = std::array::from_fn(|i| f64::from(colour[i]) * shade);
+                    painted[sample] = std::array::from_fn(|i| f64::from(colour[i]).max(DARKEST) * shade);
                 }
             });
         }
