@@ -23,7 +23,7 @@ const NEAR: f64 = 0.01;
 const LAST_GROUP: i32 = 2;
 /// Where the light comes from, in the camera's frame: from behind it, above and to the left.
 const LIGHT: Vector3<f64> = Vector3::new(-0.6, 1.0, -0.5);
-/// Least part of each colour in a surface: a black hand would be a silhouette.
+/// The brightest of a surface's three colours is at least this: a black hand would be a silhouette.
 const DARKEST: f64 = 0.2;
 /// Shares of a colour that are seen anyway, where the light falls straight on it, and where the camera looks straight at it.
 const AMBIENT: f64 = 0.35;
@@ -180,6 +180,8 @@ impl<'a> Canvas<'a> {
 
     fn draw_surface(&mut self, colour: [f32; 4], triangles: &[shapes::Triangle]) {
         let light = self.light();
+        let brightest = colour[..3].iter().fold(0.0, |most: f32, &part| most.max(part));
+        let lift = (DARKEST - f64::from(brightest)).max(0.0);
         for triangle in triangles {
             let corners = triangle.map(|point| (self.seen(&point.position), point.normal));
             let Canvas { lens, depth, colour: painted, axes, .. } = self;
@@ -192,7 +194,7 @@ impl<'a> Canvas<'a> {
                     let falls = normal.dot(&light) * if towards < 0.0 { -1.0 } else { 1.0 };
                     let shade = AMBIENT + DIFFUSE * falls.max(0.0) + HEADLIGHT * towards.abs();
                     depth[sample] = at;
-                    painted[sample] = std::array::from_fn(|i| f64::from(colour[i]).max(DARKEST) * shade);
+                    painted[sample] = std::array::from_fn(|i| (f64::from(colour[i]) + lift) * shade);
                 }
             });
         }
