@@ -5,13 +5,14 @@ use std::sync::Arc;
 
 use eigenhand_hands::Hand;
 use eigenhand_rl::rng;
-use eigenhand_sim::ffi::WarningCounts;
+use eigenhand_sim::ffi::{Model, WarningCounts};
 use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, Object, Shape};
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 
+use crate::gripper::GRIPPER_MODEL;
 use crate::support::{constant_policy, gripper, gripper_with, job, mujoco, registry, task, tiny};
 
 fn every_hand() -> Vec<Hand> {
@@ -121,7 +122,7 @@ fn a_scene_that_is_written_out_compiles_to_the_same_model() {
     let library = mujoco();
     for hand in every_hand() {
         for scene in &full_task(&hand).scenes {
-            let again = eigenhand_sim::ffi::Model::from_xml(&library, &scene.scene.xml, &scene.scene.assets).unwrap();
+            let again = Model::from_xml(&library, &scene.scene.xml, &scene.scene.assets).unwrap();
             assert_eq!((again.nq(), again.nv(), again.nu()), (scene.model.nq(), scene.model.nv(), scene.model.nu()));
             assert_eq!(again.qpos0(), scene.model.qpos0());
         }
@@ -218,5 +219,19 @@ fn a_sound_hand_raises_no_warning() {
         let mut env = GraspEnv::new(&task).unwrap();
         let (_, warnings) = random_episode(&mut env, 5, 0, 50);
         assert!(warnings.is_clear(), "{}: {warnings:?}", hand.manifest.name);
+    }
+}
+
+/// Whether an equality couples two joints or the tendons that are their sums, the one without an actuator follows.
+#[test]
+fn coupled_joints_without_an_actuator_follow() {
+    let joint = r#"<joint name="together" joint1="right_joint" joint2="left_joint" polycoef="0 1 0 0 0"/>"#;
+    let tendon = r#"<tendon tendon1="difference"/></equality><tendon><fixed name="difference">
+        <joint joint="right_joint" coef="1"/><joint joint="left_joint" coef="-1"/></fixed></tendon><equality>"#;
+    assert!(GRIPPER_MODEL.contains(joint));
+    for text in [GRIPPER_MODEL.to_owned(), GRIPPER_MODEL.replace(joint, tendon)] {
+        let model = Model::from_xml(&mujoco(), &text, &[]).unwrap_or_else(|error| panic!("{error}"));
+        let names: Vec<String> = model.following_joints().into_iter().map(|joint| model.joint_name(joint)).collect();
+        assert_eq!(names, ["right_joint"]);
     }
 }

@@ -43,14 +43,41 @@ impl Model {
         bits(self.get().geom_contype) != 0 || bits(self.get().geom_conaffinity) != 0
     }
 
-    /// Lists the joints that an equality makes follow another one.
+    /// Lists the joints that an equality makes follow another one: of those that a tendon's equality couples, the ones that no
+    /// actuator drives.
     pub fn following_joints(&self) -> Vec<JointId> {
         let raw = self.get();
         let (kinds, first, second) =
             (self.ints(raw.eq_type, raw.neq), self.ints(raw.eq_obj1id, raw.neq), self.ints(raw.eq_obj2id, raw.neq));
-        (0..kinds.len())
-            .filter(|&i| kinds[i] == mj::mjEQ_JOINT as i32 && second[i] >= 0)
-            .map(|i| JointId(first[i].max(0) as usize))
+        let (transmissions, targets) =
+            (self.ints(raw.actuator_trntype, raw.nu), self.ints(raw.actuator_trnid, 2 * raw.nu));
+        let driven: Vec<i32> = (0..transmissions.len())
+            .filter(|&i| transmissions[i] == mj::mjTRN_JOINT as i32)
+            .map(|i| targets[2 * i])
+            .collect();
+        let mut found = Vec::new();
+        for i in 0..kinds.len() {
+            if kinds[i] == mj::mjEQ_JOINT as i32 && second[i] >= 0 {
+                found.push(first[i]);
+            } else if kinds[i] == mj::mjEQ_TENDON as i32 {
+                let tendons = [first[i], second[i]].into_iter().filter(|&tendon| tendon >= 0);
+                let joints = tendons.flat_map(|tendon| self.tendon_joints(tendon));
+                found.extend(joints.filter(|joint| !driven.contains(joint)));
+            }
+        }
+        found.into_iter().map(|joint| JointId(joint.max(0) as usize)).collect()
+    }
+
+    /// Lists the joints of which a fixed tendon is the weighted sum.
+    fn tendon_joints(&self, tendon: i32) -> Vec<i32> {
+        let raw = self.get();
+        let tendon = tendon.max(0) as usize;
+        let (start, count) =
+            (self.ints(raw.tendon_adr, raw.ntendon)[tendon], self.ints(raw.tendon_num, raw.ntendon)[tendon]);
+        let (kinds, joints) = (self.ints(raw.wrap_type, raw.nwrap), self.ints(raw.wrap_objid, raw.nwrap));
+        (start.max(0) as usize..(start + count).max(0) as usize)
+            .filter(|&i| kinds[i] == mj::mjWRAP_JOINT as i32)
+            .map(|i| joints[i])
             .collect()
     }
 
