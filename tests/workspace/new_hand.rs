@@ -182,7 +182,7 @@ fn nothing_is_left_behind_by_a_hand_that_fails() {
     let mut lost = request(&source, place.path().join("found"));
     lost.hints.palm = Some("bridg".to_owned());
     let message = new_hand(&lost, &library, &mut notes).unwrap_err().to_string();
-    assert!(message.contains("bridg"), "{message}");
+    assert!(message.contains("\"bridg\"; bodies that carry moving parts are bridge"), "{message}");
 }
 
 /// Hands as their makers publish them, where the directory of them is there.

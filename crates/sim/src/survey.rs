@@ -19,7 +19,7 @@ mod fingers;
 mod lab;
 
 pub use arm::{Arm, arm};
-use fingers::{chains, common_ancestor};
+use fingers::{chains, palm};
 use lab::Lab;
 
 /// Name of the body that carries the hand while it is surveyed.
@@ -101,10 +101,7 @@ pub fn survey(
 ) -> Result<Survey, SimError> {
     let model = Arc::new(Model::from_xml(library, &stand(root, "disable"), assets)?);
     let touching = Arc::new(Model::from_xml(library, &stand(root, "enable"), assets)?);
-    let palm = match &hints.palm {
-        Some(name) => model.body(name)?,
-        None => common_ancestor(&model)?,
-    };
+    let palm = palm(&model, hints)?;
     let chains = chains(&model, palm)?;
     let mut lab = Lab::new(&model, palm)?;
     let mut poses = lab.postures(chains)?;

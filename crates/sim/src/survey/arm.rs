@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use eigenhand_hands::xmltree::Element;
 
-use super::fingers::{ancestors, common_ancestor};
+use super::fingers::{ancestors, palm};
 use super::{CARRIAGE, Hints, stand};
 use crate::SimError;
 use crate::ffi::{BodyId, Data, JointId, Model, MuJoCo};
@@ -36,10 +36,7 @@ pub fn arm(
     hints: &Hints,
 ) -> Result<Option<Arm>, SimError> {
     let model = Arc::new(Model::from_xml(library, &stand(root, "disable"), assets)?);
-    let palm = match &hints.palm {
-        Some(name) => model.body(name)?,
-        None => common_ancestor(&model)?,
-    };
+    let palm = palm(&model, hints)?;
     let mut data = Data::new(&model)?;
     let own = |body: BodyId| {
         model.joints().filter(|&j| model.joint_body(j) == body && model.joint_name(j) != CARRIAGE).collect::<Vec<_>>()

@@ -5,9 +5,12 @@ use std::sync::Arc;
 
 use nalgebra::Vector3;
 
-use super::{CARRIAGE, refuse};
+use super::{CARRIAGE, Hints, refuse};
 use crate::SimError;
 use crate::ffi::{BodyId, Data, GeomId, JointId, Model};
+
+/// Bodies that an error names at most.
+const SHOWN: usize = 15;
 
 /// A finger while it is measured.
 pub(super) struct Chain {
@@ -41,8 +44,21 @@ pub(super) fn jointed(model: &Model) -> Vec<bool> {
     found
 }
 
+/// The palm: the body that is named, or else what carries every finger.
+pub(super) fn palm(model: &Model, hints: &Hints) -> Result<BodyId, SimError> {
+    let Some(name) = &hints.palm else { return common_ancestor(model) };
+    let moves = jointed(model);
+    let carries =
+        |body: &BodyId| body.index() > 0 && model.bodies().any(|b| moves[b.index()] && model.body_parent(b) == *body);
+    model.body(name).map_err(|_| {
+        let names = model.bodies().filter(carries).map(|b| model.body_name(b)).filter(|name| name != CARRIAGE);
+        let names: Vec<String> = names.take(SHOWN).collect();
+        refuse(format!("the file has no body {name:?}; bodies that carry moving parts are {}", names.join(", ")))
+    })
+}
+
 /// The lowest body above all moving parts: whatever carries every finger.
-pub(super) fn common_ancestor(model: &Model) -> Result<BodyId, SimError> {
+fn common_ancestor(model: &Model) -> Result<BodyId, SimError> {
     let moves = jointed(model);
     let has_child_that_moves = |body: BodyId| {
         model.bodies().any(|b| moves[b.index()] && b != body && ancestors(model, b).skip(1).any(|a| a == body))
