@@ -184,3 +184,30 @@ fn links_between_documents_lead_somewhere() {
         }
     }
 }
+
+/// The table that people read is the one that the report's file has.
+#[test]
+fn the_table_of_results_is_that_of_the_runs() {
+    let file = read("docs/results/runs.csv");
+    let mut lines = file.lines().map(|line| line.split(',').collect::<Vec<_>>());
+    let head = lines.next().unwrap();
+    let runs: Vec<Vec<String>> = lines
+        .map(|line| {
+            let value = |name: &str| line[head.iter().position(|column| *column == name).unwrap()];
+            let number = |name: &str| value(name).parse::<f64>().unwrap();
+            vec![
+                value("lambda").to_owned(),
+                value("seed").to_owned(),
+                format!("{:.1} %", 100.0 * number("success_rate")),
+                format!("{:.3}", number("contribution_sum")),
+                format!("{:.3}", number("mean_error_rad")),
+                format!("{:.1}", 1000.0 * number("mean_penetration_m")),
+                value("n_postures").to_owned(),
+            ]
+        })
+        .collect();
+    assert!(!runs.is_empty());
+    let written: Vec<Vec<String>> =
+        rows(&read("docs/results/README.md")).into_iter().filter(|row| row[0].parse::<f64>().is_ok()).collect();
+    assert_eq!(written, runs);
+}

@@ -88,7 +88,7 @@ fn learned(run: &Run) -> Vec<u8> {
 fn random_episodes_go_on_while_little_is_held() {
     let (few, enough, plain) = (Run::new(gripper()), Run::new(gripper()), Run::new(gripper()));
     let summary = plain.train(&tiny(&[]));
-    let same = enough.train(&tiny(&["training.least_held_steps=1"]));
+    let same = enough.train(&tiny(&["training.least_held_steps=0.01"]));
     assert_same((&plain, summary), (&enough, same));
     let random = few.train(&tiny(&["training.least_held_steps=1000000"]));
     assert_eq!(random.updates, 60, "it learns from them");

@@ -89,6 +89,11 @@ impl UpdateSums {
 }
 
 impl Counters {
+    /// Mean of `held_steps`; 0 before the first episode.
+    pub fn mean_held_steps(&self) -> f64 {
+        self.held_steps.iter().sum::<u64>() as f64 / self.held_steps.len().max(1) as f64
+    }
+
     /// Adds an episode's warnings.
     pub fn count_warnings(&mut self, warnings: WarningCounts) {
         self.buffer_warnings += warnings.contacts_full + warnings.constraints_full + warnings.inertia;

@@ -106,9 +106,9 @@ pub struct TrainingConfig {
     pub updates_per_episode: f64,
     /// First episodes, which act at random; no update before them.
     pub warmup_episodes: u64,
-    /// Steps at which an object was held off the plane, over the last `warmup_episodes` episodes; while there are fewer,
-    /// every second episode acts at random.
-    pub least_held_steps: u64,
+    /// Mean number of an episode's steps at which an object is held off the plane, over the last [`HELD_WINDOW`] episodes,
+    /// below which every second episode acts at random.
+    pub least_held_steps: f64,
     /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
     pub slide_hold: f32,
     /// Networks that act in training episodes: online, target or average.
@@ -129,10 +129,13 @@ pub struct TrainingConfig {
     pub checkpoints_kept: usize,
 }
 
+/// Episodes over which held steps are averaged.
+pub const HELD_WINDOW: usize = 100;
+
 impl TrainingConfig {
-    /// (episode, steps at which an object was held in the last `warmup_episodes` ones) => whether it acts at random: every
-    /// one in warm-up and, while objects are held seldom, every second one.
-    pub fn acts_at_random(&self, episode: u64, held_steps: u64) -> bool {
+    /// (episode, mean number of steps at which an object was held in the last ones) => whether it acts at random: every one
+    /// in warm-up and, while objects are held seldom, every second one.
+    pub fn acts_at_random(&self, episode: u64, held_steps: f64) -> bool {
         episode < self.warmup_episodes || (held_steps < self.least_held_steps && episode % 2 == 1)
     }
 
@@ -530,11 +533,11 @@ mod tests {
     #[test]
     fn episodes_act_at_random_in_warmup_and_while_little_is_held() {
         let of = |preset| Layers::new(preset).and_then(|l| l.resolve()).expect("compiled in").training;
-        let training = TrainingConfig { warmup_episodes: 10, least_held_steps: 5, ..of(Preset::Default) };
-        assert!((0..10).all(|episode| training.acts_at_random(episode, 100)));
-        assert!((10..20).all(|episode| !training.acts_at_random(episode, 5)));
-        assert_eq!((10..20).filter(|&episode| training.acts_at_random(episode, 4)).count(), 5);
-        assert_eq!(of(Preset::Paper).least_held_steps, 0);
+        let training = TrainingConfig { warmup_episodes: 10, least_held_steps: 5.0, ..of(Preset::Default) };
+        assert!((0..10).all(|episode| training.acts_at_random(episode, 100.0)));
+        assert!((10..20).all(|episode| !training.acts_at_random(episode, 5.0)));
+        assert_eq!((10..20).filter(|&episode| training.acts_at_random(episode, 4.0)).count(), 5);
+        assert_eq!(of(Preset::Paper).least_held_steps, 0.0);
     }
 
     #[test]

@@ -18,7 +18,7 @@ use eigenhand_synergy::{ActuationMap, Feedback, JointInfo, PostureDatabase, Post
 
 use crate::checkpoint::{Checkpoints, Counters, Finalist, UpdateSums};
 use crate::command_cost::{actuation_map, command_cost};
-use crate::config::{ActorChoice, RunConfig};
+use crate::config::{ActorChoice, HELD_WINDOW, RunConfig};
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate};
 use crate::metrics::{MetricsFile, MetricsTable, Row};
 use crate::progress::{Progress, Status};
@@ -279,7 +279,7 @@ impl Trainer {
         exploration.scale_noise(self.config.training.noise_factor(self.done(first)) as f32);
         let exploration = Arc::new(exploration);
         let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
-        let (training, held_steps) = (&self.config.training, self.counters.held_steps.iter().sum());
+        let (training, held_steps) = (&self.config.training, self.counters.mean_held_steps());
         let jobs: Vec<EpisodeJob> = (first..last)
             .map(|index| EpisodeJob {
                 seed: self.config.seed,
@@ -311,11 +311,7 @@ impl Trainer {
                 continue;
             }
             self.counters.env_steps += episode.data.shape.n_steps as u64;
-            push_newest(
-                &mut self.counters.held_steps,
-                episode.held_steps,
-                self.config.training.warmup_episodes as usize,
-            );
+            push_newest(&mut self.counters.held_steps, episode.held_steps, HELD_WINDOW);
             self.counters.updates_owed += self.config.training.updates_per_episode;
             if episode.greedy {
                 push_newest(&mut self.counters.recent, episode.success, RECENT);

@@ -107,10 +107,12 @@ fn in_radians_unsaid(root: &mut Element, file: &Path) -> Result<bool, HandError>
     let defaults = Defaults::read(root, file)?;
     let mut widest: f64 = 0.0;
     each_in_world(root, &mut |element, class| {
-        let hinge = |e: &Element| e.name == "joint" && matches!(attribute(e, "type"), None | Some("hinge"));
-        if hinge(element) {
-            let range = defaults.resolve(element, class, file)?.numbers("range")?;
-            widest = range.into_iter().flatten().fold(widest, |most, end| most.max(end.abs()));
+        if element.name == "joint" {
+            let joint = defaults.resolve(element, class, file)?;
+            if matches!(joint.text("type"), None | Some("hinge")) {
+                let range = joint.numbers("range")?;
+                widest = range.into_iter().flatten().fold(widest, |most, end| most.max(end.abs()));
+            }
         }
         Ok::<(), HandError>(())
     })?;

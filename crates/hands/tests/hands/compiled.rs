@@ -326,8 +326,8 @@ fn files_that_break_the_rules_are_refused() {
 fn an_address_without_memory_is_an_error() {
     let says = "an address at which there is no memory; this is a defect of the plugin";
     assert_eq!(c_message(&["MODEL_DATA=16", "MODEL_LEN=99"]), format!("file: expected files of together, got {says}"));
-    // A length that runs out of what is mapped.
-    let message = c_message(&["MODEL_LEN=200000000"]);
+    // A length that runs out of the memory that is there.
+    let message = c_message(&["TORN"]);
     assert!(message.ends_with(says), "{message}");
     let plugin = Plugin::c(&["MESSAGE_DATA=16"]);
     plugin.edit("build = \"make pincer\"\n", "[options]\nwidth = 0\n");

@@ -187,6 +187,10 @@ fn small_ranges_without_a_unit_are_radians() {
     assert!(notes.contains("ranges so small are radians"), "{notes}");
     let (imported, notes) = read(&unsaid.replace("range=\"0 1\"", "range=\"0 90\""));
     assert!(every(&imported, "compiler").iter().all(|compiler| value(compiler, "angle").is_empty()), "{notes}");
+    // Ranges in metres say nothing about angles, wherever the joint's type stands.
+    let slide = unsaid.replace("<worldbody>", "<default><joint type=\"slide\"/></default><worldbody>");
+    let (imported, notes) = read(&slide);
+    assert!(every(&imported, "compiler").iter().all(|compiler| value(compiler, "angle").is_empty()), "{notes}");
 }
 
 /// An object on joints of its own, as tasks have it.
@@ -197,7 +201,11 @@ fn what_no_actuator_moves_is_an_object() {
     let bodies: Vec<&str> = every(&imported, "body").iter().map(|body| value(body, "name")).collect();
     assert_eq!(bodies, ["base", "finger"]);
     assert!(notes.contains("the object `door`, which no actuator moves"), "{notes}");
-    // A part that a coupling moves is the hand's.
+    // A part that a tendon through sites moves is the hand's.
+    let finger = r#"<worldbody><body name="digit"><joint name="hinge"/><geom size="0.1"/><site name="knuckle"/></body></worldbody>
+        <tendon><spatial name="string"><site site="end"/><site site="knuckle"/></spatial></tendon>"#;
+    assert!(every(&read(&plain(finger)).0, "body").iter().any(|body| value(body, "name") == "digit"));
+    // So is one that a coupling moves.
     let coupled = format!(r#"{door}<equality><joint joint1="hinge" joint2="bend"/></equality>"#);
     assert!(every(&read(&plain(&coupled)).0, "body").iter().any(|body| value(body, "name") == "door"));
 }

@@ -1,4 +1,11 @@
 /* A hand of two fingers that a library in C generates. The macros make it break the rules of the interface one by one. */
+#ifdef TORN
+#define _POSIX_C_SOURCE 200809L
+#include <sys/mman.h>
+#include <unistd.h>
+#define MODEL_DATA torn()
+#define MODEL_LEN ((size_t)(2 * sysconf(_SC_PAGESIZE)))
+#endif
 #include "eigenhand_hand.h"
 
 #include <stdio.h>
@@ -101,6 +108,18 @@ static eigenhand_status generate(const uint8_t *options, size_t options_len, voi
     return EIGENHAND_HAND_OK;
 #endif
 }
+
+#ifdef TORN
+/* Two pages that map a file of one: there is no memory behind the second. */
+static const uint8_t *torn(void) {
+    FILE *file = tmpfile();
+    long page = sysconf(_SC_PAGESIZE);
+    if (!file || ftruncate(fileno(file), page)) {
+        return NULL;
+    }
+    return mmap(NULL, 2 * (size_t)page, PROT_READ, MAP_PRIVATE, fileno(file), 0);
+}
+#endif
 
 static eigenhand_status file_count(const void *handle, size_t *out) {
     (void)handle;

@@ -71,15 +71,27 @@ fn belongs(child: &mut Element, gone: &mut Vec<String>) -> bool {
 
 /// Where actuators move some bodies of the world, those that neither they nor couplings reach are objects.
 fn leave_out_unmoved(world: &mut Element, root: &Element, gone: &mut Vec<String>) {
-    const KEYS: [&str; 7] = ["joint", "joint1", "joint2", "jointinparent", "body", "body1", "body2"];
+    const KEYS: [&str; 12] = [
+        "joint",
+        "joint1",
+        "joint2",
+        "jointinparent",
+        "body",
+        "body1",
+        "body2",
+        "site",
+        "sidesite",
+        "geom",
+        "cranksite",
+        "slidersite",
+    ];
     fn names(element: &Element, found: &mut BTreeSet<String>) {
         found.extend(KEYS.iter().filter_map(|key| attribute(element, key)).map(str::to_owned));
         elements(element).for_each(|child| names(child, found));
     }
     fn reached(body: &Element, named: &BTreeSet<String>) -> bool {
-        let parts = |e: &Element| matches!(e.name.as_str(), "joint" | "body");
         attribute(body, "name").is_some_and(|name| named.contains(name))
-            || elements(body).filter(|e| parts(e)).any(|part| reached(part, named))
+            || elements(body).any(|part| reached(part, named))
     }
     let mut named = BTreeSet::new();
     elements(root)
