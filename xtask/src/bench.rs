@@ -162,7 +162,7 @@ fn describe_sim(found: &[SimSpeed]) -> String {
 }
 
 fn describe_learner(found: &[LearnerSpeed]) -> String {
-    let heads = ["learner, one thread", "updates/s", "with sampling", "GFLOP/s", "sgemm", "share"];
+    let heads = ["learner, one thread", "updates/s", "with sampling", "GFLOP/s", "sgemm", "share", "peak", "share"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     let mut text = String::new();
     for speed in found {
@@ -173,6 +173,8 @@ fn describe_learner(found: &[LearnerSpeed]) -> String {
             format!("{:.1}", speed.gflops),
             format!("{:.1}", speed.sgemm_gflops),
             format!("{:.2}", speed.share_of_sgemm),
+            format!("{:.1}", speed.peak_gflops),
+            format!("{:.2}", speed.share_of_peak),
         ]);
         text.push_str(&describe_peers(&format!("batch {}", speed.batch), &speed.peers, &speed.peers_failed));
     }

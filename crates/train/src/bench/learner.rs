@@ -10,6 +10,7 @@ use eigenhand_sim::StepFacts;
 use rand::RngExt;
 use serde::Serialize;
 
+use super::peak::peak;
 use super::peers::{Peer, PeerSpeed, Turns};
 use super::{BenchSetting, median};
 use crate::TrainError;
@@ -48,6 +49,10 @@ pub struct LearnerSpeed {
     pub sgemm_gflops: f64,
     /// The former over the latter, median over the pieces.
     pub share_of_sgemm: f64,
+    /// The most operations that the core does, in registers and without memory, in 1e9 a second.
+    pub peak_gflops: f64,
+    /// The products of an update over that, median over the pieces.
+    pub share_of_peak: f64,
     /// Other implementations, in turn with this one.
     pub peers: Vec<PeerSpeed>,
     /// Why others could not be measured.
@@ -153,6 +158,7 @@ fn measure(
     bench.sample()?;
     bench.update();
     let (mut updates, mut samplings, mut products, mut shares) = (vec![], vec![], vec![], vec![]);
+    let (mut peaks, mut shares_of_peak) = (vec![], vec![]);
     let start = Instant::now();
     while start.elapsed() < duration {
         let sampling = timed(|| (0..CHUNK).try_for_each(|_| bench.sample()))?;
@@ -172,6 +178,9 @@ fn measure(
         samplings.push(sampling);
         products.push(sgemm);
         shares.push(flop / update / sgemm);
+        let peak = peak();
+        peaks.push(peak);
+        shares_of_peak.push(flop / update / peak);
     }
     let (update, sampling) = (median(&mut updates), median(&mut samplings));
     let mut speed = LearnerSpeed {
@@ -185,6 +194,8 @@ fn measure(
         gflops: flop / update / 1e9,
         sgemm_gflops: median(&mut products) / 1e9,
         share_of_sgemm: median(&mut shares),
+        peak_gflops: median(&mut peaks) / 1e9,
+        share_of_peak: median(&mut shares_of_peak),
         peers: Vec::new(),
         peers_failed: Vec::new(),
     };

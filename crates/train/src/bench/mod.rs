@@ -5,6 +5,7 @@
 
 mod allocations;
 mod learner;
+mod peak;
 mod peers;
 mod sim;
 mod training;
