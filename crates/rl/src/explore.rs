@@ -5,6 +5,7 @@ use rand_distr::StandardNormal;
 use serde::{Deserialize, Serialize};
 
 use crate::RlError;
+use crate::attempt::Attempt;
 
 /// Noise and random actions, for actions in [-1, 1].
 ///
@@ -39,6 +40,9 @@ pub struct ExplorationConfig {
     /// What each dimension does in a coordinated action; empty: there are none. The caller knows what dimensions mean.
     #[serde(skip)]
     pub coordination: Vec<Coordination>,
+    /// The action at which episodes start, as long as `coordination`.
+    #[serde(skip)]
+    pub start: Vec<f32>,
 }
 
 /// What a dimension does in a coordinated random action.
@@ -49,7 +53,7 @@ pub enum Coordination {
     Free,
     /// It follows a value that its group shares, times this sign.
     Together(f32),
-    /// It goes to one end of its range.
+    /// It goes to one end of its range. What does so carries the hand, which is down at -1.
     Ends,
 }
 
@@ -66,6 +70,7 @@ impl Default for ExplorationConfig {
             coordinated_probability: 0.8,
             coordinated_hold: 3.0,
             coordination: Vec::new(),
+            start: Vec::new(),
         }
     }
 }
@@ -121,12 +126,16 @@ impl ExplorationConfig {
         if !self.coordination.is_empty() && self.coordination.len() != act_dim {
             return Err(RlError::Length { name: "coordination", expected: act_dim, got: self.coordination.len() });
         }
+        if self.start.len() != self.coordination.len() {
+            let (expected, got) = (self.coordination.len(), self.start.len());
+            return Err(RlError::Length { name: "start", expected, got });
+        }
         Ok(())
     }
 }
 
-/// How far a dimension may be from the value that its group shares.
-const SPREAD: f32 = 0.15;
+/// How far a dimension may be from the value that its group shares, or from where an attempt has it.
+pub(crate) const SPREAD: f32 = 0.15;
 
 /// Dimensions whose random actions begin and end together.
 #[derive(Clone, Debug)]
@@ -150,6 +159,7 @@ pub struct Exploration {
     coordinated_probability: f32,
     coordinated_hold: f32,
     coordination: Vec<Coordination>,
+    attempt: Option<Attempt>,
 }
 
 impl Exploration {
@@ -164,6 +174,7 @@ impl Exploration {
             coordinated_probability: 0.0,
             coordinated_hold: 1.0,
             coordination: Vec::new(),
+            attempt: None,
         }
     }
 
@@ -182,6 +193,7 @@ impl Exploration {
             coordinated_probability: config.coordinated_probability,
             coordinated_hold: config.coordinated_hold,
             coordination: config.coordination.clone(),
+            attempt: None,
         }
     }
 
@@ -204,11 +216,21 @@ impl Exploration {
         }
     }
 
+    /// Begins an episode that tries to grasp, as far as the [coordination](ExplorationConfig::coordination) says what closes
+    /// the hand; the policy has no say.
+    pub fn attempt(config: &ExplorationConfig, rng: &mut impl Rng) -> Self {
+        Self { attempt: Some(Attempt::new(config, rng)), ..Self::none() }
+    }
+
     /// Turns the policy's action of the next step into the one to execute, in [-1, 1].
     ///
     /// # Panics
     /// When the action is shorter than the `act_dim` given at the start.
     pub fn apply(&mut self, action: &mut [f32], rng: &mut impl Rng) {
+        if let Some(attempt) = &mut self.attempt {
+            attempt.act(action);
+            return;
+        }
         self.add_noise(action, rng);
         for group in &mut self.groups {
             let longer = if group.together { self.coordinated_hold } else { 1.0 };

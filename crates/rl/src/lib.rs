@@ -11,6 +11,7 @@
 
 mod action_cost;
 mod adam;
+mod attempt;
 mod checkpoint;
 mod config;
 mod ddpg;

@@ -145,6 +145,41 @@ fn coordinated_actions_close_together_and_go_to_ends() {
     assert_eq!(with(1.0, Vec::new()), with(0.0, Vec::new()));
     let long = ExplorationConfig { coordination, ..ExplorationConfig::default() };
     assert!(matches!(long.validate(3), Err(RlError::Length { name: "coordination", expected: 3, got: 4 })));
+    assert!(matches!(long.validate(4), Err(RlError::Length { name: "start", expected: 4, got: 0 })));
+}
+
+#[test]
+fn an_attempt_comes_down_closes_and_rises() {
+    use Coordination::{Ends, Free, Together};
+    let coordination = vec![Together(1.0), Together(-1.0), Ends, Free];
+    let start = vec![-0.6, 0.5, 0.1, 0.3];
+    let config = ExplorationConfig { coordination, start: start.clone(), ..ExplorationConfig::default() };
+    config.validate(4).unwrap();
+    let mut closed_by = Vec::new();
+    for episode in 0..200 {
+        let mut rng = rng::stream(4, "explore", episode);
+        let mut attempt = Exploration::attempt(&config, &mut rng);
+        let actions: Vec<Vec<f32>> = (0..100)
+            .map(|_| {
+                let mut action = vec![f32::NAN; 4];
+                attempt.apply(&mut action, &mut rng);
+                action
+            })
+            .collect();
+        let rises = actions.iter().position(|a| a[2] != -1.0).unwrap();
+        assert!((12 + 5 + 5..=25 + 20 + 5).contains(&rises), "{rises}");
+        let last = &actions[99];
+        assert!(actions[rises..].iter().all(|a| a == last) && (-0.3..=0.7).contains(&last[2]), "it stays up");
+        assert_eq!(actions[rises - 5][..2], last[..2], "it is closed before it rises");
+        for (d, start) in start.iter().enumerate().filter(|(d, _)| *d != 2) {
+            assert!((actions[0][d] - start).abs() <= 0.15 + 1e-6, "it begins open");
+        }
+        assert!(actions[..12].iter().all(|a| *a == actions[0]), "and comes down so");
+        assert!(actions.windows(2).all(|a| a[0][0] <= a[1][0] && a[0][1] >= a[1][1] && a[0][3] == a[1][3]));
+        closed_by.push((last[0] - actions[0][0]) / (1.0 - actions[0][0]));
+    }
+    let (least, most) = closed_by.iter().fold((1.0_f32, 0.0_f32), |(low, high), &s| (low.min(s), high.max(s)));
+    assert!((0.5..0.55).contains(&least) && (0.95..=1.0 + 1e-6).contains(&most), "{least} to {most}");
 }
 
 #[test]
