@@ -3,11 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use eigenhand_sim::survey::Hints;
+use eigenhand_sim::trial::best_place;
+use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Hand, ImportOptions, NewHand, NewHandReport, TrainError, check_hand, new_hand};
 use tempfile::TempDir;
 
 use crate::gripper::GRIPPER_MODEL;
-use crate::support::{mujoco, registry, workspace};
+use crate::support::{mujoco, registry, task, workspace};
 
 fn request(source: &Path, directory: PathBuf) -> NewHand {
     NewHand {
@@ -54,6 +56,24 @@ fn a_gripper_is_made_out() {
     let report = new_hand(&turned, &mujoco(), &mut Vec::new()).unwrap();
     let down = Hand::load(&report.directory).unwrap().manifest.mount.pose().rotation * nalgebra::Vector3::z();
     assert!(down.z < -0.999, "{down}");
+}
+
+/// A hand that hangs beside its objects is brought over them.
+#[test]
+fn scripted_grasps_find_the_place() {
+    const BESIDE: f64 = -0.06;
+    let mut hand = registry().get("parallel").unwrap();
+    hand.manifest.mount.position[0] += BESIDE;
+    let mut layers = Layers::new(Preset::Default).unwrap();
+    layers.add_assignment(r#"objects=["sphere", "cube"]"#).unwrap();
+    let task = task(&layers.resolve().unwrap(), &hand);
+    let place = best_place(&task, &hand.manifest.closing, hand.manifest.objects.scale).unwrap();
+    assert!((place.shift[0] + BESIDE).abs() < 0.021, "{place:?}");
+    assert!(place.shift[1].abs() < 0.021, "{place:?}");
+    assert_eq!(place.lifted, place.tried, "{place:?}");
+    // What closes nothing lifts nothing, and stays where it is.
+    let idle = best_place(&task, &Default::default(), hand.manifest.objects.scale).unwrap();
+    assert_eq!((idle.shift, idle.lifted), ([0.0; 2], 0), "{idle:?}");
 }
 
 /// The file of the workspace's own hand, without what its manifest says.

@@ -109,6 +109,8 @@ fn values(hand: &Hand) -> Vec<SummaryValue> {
                 };
                 (Value::Table(all.into_iter().map(|(name, value)| (name, Value::Float(value))).collect()), origin)
             }
+            ("closing" | "packages", None) => (Value::Table(toml::Table::new()), ValueOrigin::Default),
+            ("closing" | "packages", Some(table)) => (table.clone(), ValueOrigin::Written),
             (_, Some(Value::Table(_)) | None) => continue,
             (_, Some(value)) => (value.clone(), if written { ValueOrigin::Written } else { ValueOrigin::Default }),
         };

@@ -117,6 +117,16 @@ impl GraspEnv {
         Ok(())
     }
 
+    /// Moves the object, which lies on the plane, along x and y.
+    pub(crate) fn shift_object(&mut self, by: [f64; 2]) {
+        let at = &self.task.scenes[self.current].addresses;
+        let data = &mut self.simulations[self.current];
+        let place = &mut data.qpos_mut()[at.object_qpos..at.object_qpos + 2];
+        place.iter_mut().zip(by).for_each(|(p, by)| *p += by);
+        data.forward();
+        self.facts = read_facts(data, at);
+    }
+
     /// Applies an action for one control period.
     ///
     /// # Errors

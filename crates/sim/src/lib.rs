@@ -12,6 +12,7 @@ mod reward;
 pub mod scene;
 pub mod survey;
 mod task;
+pub mod trial;
 
 pub use env::{EpisodeSetup, GraspEnv};
 pub use error::SimError;

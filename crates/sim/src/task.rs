@@ -300,6 +300,14 @@ impl GraspTask {
         &self.start_ctrl
     }
 
+    /// Returns the action of these controls, 0 where an actuator's range is a point.
+    pub fn start_action(&self) -> Vec<f32> {
+        let action = |(&ctrl, &(low, high)): (&f64, &(f64, f64))| {
+            if high > low { (2.0 * (ctrl - low) / (high - low) - 1.0) as f32 } else { 0.0 }
+        };
+        self.start_ctrl.iter().zip(&self.control_ranges).map(action).collect()
+    }
+
     /// (action in [-1, 1]) => controls, each mapped onto its actuator's range.
     pub fn scale_action(&self, action: &[f32], ctrl: &mut [f64]) {
         for ((ctrl, &action), &(low, high)) in ctrl.iter_mut().zip(action).zip(&self.control_ranges) {

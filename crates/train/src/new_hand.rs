@@ -10,11 +10,15 @@ use std::sync::Arc;
 use eigenhand_hands::xml::{append_section, attribute, element, elements, elements_mut, numbers, print, set};
 use eigenhand_hands::xmltree::{Element, XMLNode};
 use eigenhand_hands::{Hand, ImportOptions, Imported, MANIFEST_FILE, SCHEMA, import, is_hand_name};
+use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_sim::survey::{Closing, Hints, Survey, arm, survey};
+use eigenhand_sim::trial::{Place, best_place};
+use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::TrainError;
+use crate::config::{Layers, Preset};
 use crate::error::io_error;
 use crate::files::{create_directory, sha256};
 
@@ -60,6 +64,8 @@ pub struct NewHandReport {
     pub opening_m: f64,
     /// Factor on the objects' lengths.
     pub object_scale: f64,
+    /// Scripted grasps that lifted the object, and scripted grasps, at the place where the hand hangs.
+    pub lifted: [u32; 2],
     /// Actuators that close the hand at the upper end of their range.
     pub close_up: Vec<String>,
     /// Actuators that close the hand at the lower end of their range.
@@ -101,8 +107,7 @@ pub fn new_hand(
         notes.push(format!("joints that no actuator moves are left out of the posture: {}", found.stuck.join(", ")));
     }
     let report = report(request, &found, tips, notes.clone());
-    write(request, &imported, &found, &report)?;
-    Ok(report)
+    write(request, &imported, found, report, library)
 }
 
 fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec<String>) -> NewHandReport {
@@ -118,6 +123,7 @@ fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec
         reach_m: found.fingers.iter().map(|finger| finger.reach).collect(),
         opening_m: found.opening,
         object_scale: found.object_scale,
+        lifted: [0, 0],
         close_up: those(Closing::Up),
         close_down: those(Closing::Down),
         neither: those(Closing::Neither),
@@ -196,8 +202,15 @@ fn name_meshes_directory(imported: &mut Imported) {
     }
 }
 
-/// Writes a directory beside the hand's place, reads it back, and moves it there.
-fn write(request: &NewHand, imported: &Imported, found: &Survey, report: &NewHandReport) -> Result<(), TrainError> {
+/// Writes a directory beside the hand's place, reads it back, finds by scripted grasps where the hand has to hang, and moves
+/// the directory there.
+fn write(
+    request: &NewHand,
+    imported: &Imported,
+    mut found: Survey,
+    mut report: NewHandReport,
+    library: &Arc<MuJoCo>,
+) -> Result<NewHandReport, TrainError> {
     let directory = &request.directory;
     let parent = directory.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
     create_directory(parent)?;
@@ -216,17 +229,29 @@ fn write(request: &NewHand, imported: &Imported, found: &Survey, report: &NewHan
     for (name, bytes) in &imported.assets {
         save(place(ASSETS).join(name), bytes)?;
     }
-    save(place(MANIFEST_FILE), manifest(request, imported, found, report).as_bytes())?;
-    save(place(README), readme(request, report).as_bytes())?;
+    save(place(MANIFEST_FILE), manifest(request, imported, &found, &report).as_bytes())?;
     if let Some(licence) = licence_of(&request.source) {
         let copy = partial.path().join(licence.file_name().unwrap_or_default());
         fs::copy(&licence, &copy).map_err(io_error("copy", &licence))?;
     }
+    let Place { shift, lifted, tried } = best_place_of(&Hand::load(partial.path())?, library)?;
+    let moved = found.mount.translation.vector + Vector3::new(shift[0], shift[1], 0.0);
+    found.mount.translation.vector = moved.map(|v| (v * 1e4).round() / 1e4);
+    report.lifted = [lifted, tried];
+    save(place(MANIFEST_FILE), manifest(request, imported, &found, &report).as_bytes())?;
+    save(place(README), readme(request, &report).as_bytes())?;
     Hand::load(partial.path())?;
     if directory.is_dir() {
         fs::remove_dir(directory).map_err(io_error("replace", directory))?;
     }
-    fs::rename(partial.path(), directory).map_err(io_error("write", directory))
+    fs::rename(partial.path(), directory).map_err(io_error("write", directory))?;
+    Ok(report)
+}
+
+fn best_place_of(hand: &Hand, library: &Arc<MuJoCo>) -> Result<Place, TrainError> {
+    let config = Layers::new(Preset::Default)?.resolve()?;
+    let task = GraspTask::new(library, hand, &config.objects, config.task, config.physics, config.reward)?;
+    Ok(best_place(&Arc::new(task), &hand.manifest.closing, hand.manifest.objects.scale)?)
 }
 
 fn licence_of(source: &Path) -> Option<PathBuf> {
@@ -345,6 +370,8 @@ pub fn describe_new_hand(report: &NewHandReport) -> String {
         centimetres(report.opening_m),
         report.object_scale
     );
+    let [lifted, tried] = report.lifted;
+    let _ = writeln!(text, "- where it hangs, coming down, closing and rising lifts {lifted} of {tried} objects");
     report.notes.iter().for_each(|note| text.push_str(&format!("- {note}\n")));
     text
 }

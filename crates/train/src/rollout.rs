@@ -21,6 +21,8 @@ pub enum Behaviour {
     Explore(Arc<ExplorationConfig>),
     /// Held random actions.
     Warmup(Arc<ExplorationConfig>),
+    /// A grasp by chance: the hand comes down, closes and rises.
+    Attempt(Arc<ExplorationConfig>),
 }
 
 /// An episode to simulate. It is a pure function of this value and the task.
@@ -93,6 +95,7 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
     let (mut exploration, greedy) = match &job.behaviour {
         Behaviour::Greedy => (Exploration::none(), true),
         Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim, &mut explore_rng), false),
+        Behaviour::Attempt(config) => (Exploration::attempt(config, &mut explore_rng), false),
         Behaviour::Explore(config) => {
             if explore_rng.random::<f32>() < config.noise_free_share {
                 (Exploration::none(), true)

@@ -180,6 +180,9 @@ impl Trainer {
                 .collect();
         }
         exploration.coordination = coordination(&hand, &task);
+        if !exploration.coordination.is_empty() {
+            exploration.start = task.start_action();
+        }
         exploration.validate(shape.act_dim)?;
         let metrics = MetricsFile::open(run.path(), counters.episodes)?;
         let events = if config.tensorboard {
@@ -288,10 +291,12 @@ impl Trainer {
                 scene: None,
                 goal_height: self.config.task.training_goal_height,
                 policy: policy.clone(),
-                behaviour: if training.acts_at_random(index, held_steps) {
-                    Behaviour::Warmup(Arc::clone(&exploration))
-                } else {
-                    Behaviour::Explore(Arc::clone(&exploration))
+                behaviour: match training.acts_at_random(index, held_steps) {
+                    true if index >= training.warmup_episodes && !exploration.coordination.is_empty() => {
+                        Behaviour::Attempt(Arc::clone(&exploration))
+                    }
+                    true => Behaviour::Warmup(Arc::clone(&exploration)),
+                    false => Behaviour::Explore(Arc::clone(&exploration)),
                 },
             })
             .collect();

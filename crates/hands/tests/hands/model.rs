@@ -103,6 +103,22 @@ fn includes_are_expanded_in_place() {
 }
 
 #[test]
+fn the_last_folder_that_is_said_counts_and_strippath_drops_the_files_own() {
+    let files = Fixture::new();
+    files.edit(
+        "pincer.xml",
+        "<compiler meshdir=\"meshes\"/>",
+        "<compiler meshdir=\"absent\"/><compiler meshdir=\"meshes\" strippath=\"true\"/>",
+    );
+    files.edit("pincer.xml", "file=\"pad.obj\"", "file=\"elsewhere/pad.obj\"");
+    let hand = files.load().unwrap();
+    assert!(hand.files.iter().any(|file| file.ends_with("meshes/pad.obj")), "{:?}", hand.files);
+    let path = |kind: &str| hand.compiler.asset_path(kind, "elsewhere/pad.obj", &hand.model_directory);
+    assert_eq!(path("mesh"), files.path("meshes/pad.obj"));
+    assert_eq!(path("texture"), files.path("pad.obj"));
+}
+
+#[test]
 fn the_summary_tells_who_set_a_value() {
     let files = Fixture::new();
     files.edit("drives.xml", "gear=\"2\"", "gear=\"2\" ctrllimited=\"false\"");
@@ -113,7 +129,17 @@ fn the_summary_tells_who_set_a_value() {
     assert_eq!(origin("slide.kp"), Some(ValueOrigin::Default));
     assert_eq!(origin("posture_joints"), Some(ValueOrigin::Computed));
     assert_eq!(origin("open_posture"), Some(ValueOrigin::Computed));
+    assert_eq!(origin("closing"), Some(ValueOrigin::Default));
     assert_eq!(origin("actuator left_drive ctrlrange"), Some(ValueOrigin::Computed));
+    files.edit("hand.toml", "[mount]", "[closing]\nleft_drive = 1\n\n[mount]");
+    let closing = HandSummary::of(&files.load().unwrap()).values.into_iter().find(|v| v.key == "closing").unwrap();
+    assert_eq!((closing.value.to_string().as_str(), closing.origin), ("{ left_drive = 1.0 }", ValueOrigin::Written));
+    assert_eq!(origin("packages"), Some(ValueOrigin::Default));
+    files.edit("hand.toml", "[mount]", "[packages]\nhand_description = \"meshes\"\n\n[mount]");
+    let summary = HandSummary::of(&files.load().unwrap());
+    let packages = summary.values.iter().find(|v| v.key == "packages").unwrap();
+    assert_eq!(packages.value.to_string(), "{ hand_description = \"meshes\" }");
+    assert_eq!(packages.origin, ValueOrigin::Written);
     let json = serde_json::to_value(&summary).unwrap();
     assert_eq!(json["n_joints"], 5);
     assert_eq!(json["licence"], "unknown");
