@@ -85,16 +85,26 @@ fn learned(run: &Run) -> Vec<u8> {
 }
 
 #[test]
-fn random_episodes_go_on_while_little_is_held() {
-    let (few, enough, plain) = (Run::new(gripper()), Run::new(gripper()), Run::new(gripper()));
+fn hands_that_say_what_closes_them_attempt_grasps_while_little_is_held() {
+    let closing = || {
+        let mut hand = gripper();
+        hand.manifest.closing.insert("close".to_owned(), 1.0);
+        Run::new(hand)
+    };
+    let (few, enough, plain) = (closing(), closing(), closing());
     let summary = plain.train(&tiny(&[]));
     let same = enough.train(&tiny(&["training.least_held_steps=0.01"]));
     assert_same((&plain, summary), (&enough, same));
     let random = few.train(&tiny(&["training.least_held_steps=1000000"]));
     assert_eq!(random.updates, 60, "it learns from them");
     assert!(learned(&few) != learned(&plain));
+    // A hand that does not say what closes it makes none.
+    let (silent, idle) = (Run::new(gripper()), Run::new(gripper()));
+    let summary = silent.train(&tiny(&[]));
+    let same = idle.train(&tiny(&["training.least_held_steps=1000000"]));
+    assert_same((&silent, summary), (&idle, same));
     // As many workers as there are change nothing, and neither does a stop.
-    let again = Run::new(gripper());
+    let again = closing();
     let stop = AtomicBool::new(false);
     let config = tiny(&["training.least_held_steps=1000000", "workers=3"]);
     again.start(&config, &stop, &mut StopAfter { episodes: 19, stop: &stop });

@@ -10,7 +10,7 @@ const CLOSE: std::ops::RangeInclusive<u32> = 5..=20;
 /// Steps between closed and rising.
 const HOLD: u32 = 5;
 /// How far the hand closes, as a share of what it can, and the actions of what carries it at the end.
-const SHARE: std::ops::RangeInclusive<f32> = 0.5..=1.0;
+const SHARE: std::ops::RangeInclusive<f32> = 0.7..=1.0;
 const RAISED: std::ops::RangeInclusive<f32> = -0.3..=0.7;
 
 /// One attempt, with times and ends of its own.

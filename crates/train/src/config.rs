@@ -107,7 +107,7 @@ pub struct TrainingConfig {
     /// First episodes, which act at random; no update before them.
     pub warmup_episodes: u64,
     /// Mean number of an episode's steps at which an object is held off the plane, over the last [`HELD_WINDOW`] episodes,
-    /// below which every second episode acts at random.
+    /// below which every second episode of a hand that says what closes it attempts a grasp.
     pub least_held_steps: f64,
     /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
     pub slide_hold: f32,
@@ -133,10 +133,10 @@ pub struct TrainingConfig {
 pub const HELD_WINDOW: usize = 100;
 
 impl TrainingConfig {
-    /// (episode, mean number of steps at which an object was held in the last ones) => whether it acts at random: every one
-    /// in warm-up and, while objects are held seldom, every second one.
-    pub fn acts_at_random(&self, episode: u64, held_steps: f64) -> bool {
-        episode < self.warmup_episodes || (held_steps < self.least_held_steps && episode % 2 == 1)
+    /// (episode, mean number of steps at which an object was held in the last ones) => whether it attempts a grasp: after
+    /// warm-up and while objects are held seldom, every second one.
+    pub fn attempts(&self, episode: u64, held_steps: f64) -> bool {
+        episode >= self.warmup_episodes && held_steps < self.least_held_steps && episode % 2 == 1
     }
 
     /// (share of training that is done) => the factor on the learning rates
@@ -531,12 +531,12 @@ mod tests {
     }
 
     #[test]
-    fn episodes_act_at_random_in_warmup_and_while_little_is_held() {
+    fn every_second_episode_after_warmup_is_an_attempt_while_little_is_held() {
         let of = |preset| Layers::new(preset).and_then(|l| l.resolve()).expect("compiled in").training;
         let training = TrainingConfig { warmup_episodes: 10, least_held_steps: 5.0, ..of(Preset::Default) };
-        assert!((0..10).all(|episode| training.acts_at_random(episode, 100.0)));
-        assert!((10..20).all(|episode| !training.acts_at_random(episode, 5.0)));
-        assert_eq!((10..20).filter(|&episode| training.acts_at_random(episode, 4.0)).count(), 5);
+        assert!((0..10).all(|episode| !training.attempts(episode, 0.0)));
+        assert!((10..20).all(|episode| !training.attempts(episode, 5.0)));
+        assert_eq!((10..20).filter(|&episode| training.attempts(episode, 4.0)).count(), 5);
         assert_eq!(of(Preset::Paper).least_held_steps, 0.0);
     }
 

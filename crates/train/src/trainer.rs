@@ -283,6 +283,7 @@ impl Trainer {
         let exploration = Arc::new(exploration);
         let last = (first + self.config.training.episodes_per_cycle as u64).min(self.config.episodes);
         let (training, held_steps) = (&self.config.training, self.counters.mean_held_steps());
+        let closes = !exploration.coordination.is_empty();
         let jobs: Vec<EpisodeJob> = (first..last)
             .map(|index| EpisodeJob {
                 seed: self.config.seed,
@@ -291,12 +292,12 @@ impl Trainer {
                 scene: None,
                 goal_height: self.config.task.training_goal_height,
                 policy: policy.clone(),
-                behaviour: match training.acts_at_random(index, held_steps) {
-                    true if index >= training.warmup_episodes && !exploration.coordination.is_empty() => {
-                        Behaviour::Attempt(Arc::clone(&exploration))
-                    }
-                    true => Behaviour::Warmup(Arc::clone(&exploration)),
-                    false => Behaviour::Explore(Arc::clone(&exploration)),
+                behaviour: if index < training.warmup_episodes {
+                    Behaviour::Warmup(Arc::clone(&exploration))
+                } else if closes && training.attempts(index, held_steps) {
+                    Behaviour::Attempt(Arc::clone(&exploration))
+                } else {
+                    Behaviour::Explore(Arc::clone(&exploration))
                 },
             })
             .collect();
