@@ -182,6 +182,24 @@ fn what_cannot_be_a_hand_is_refused() {
     }
 }
 
+/// A joint on the only body, and joints that all follow one another.
+#[test]
+fn what_no_survey_can_find_is_said() {
+    let place = TempDir::new().unwrap();
+    let stone = "<mujoco><worldbody><body name=\"stone\"><joint range=\"0 60\"/><geom size=\"0.1\"/></body></worldbody></mujoco>";
+    let circle = GRIPPER_MODEL
+        .replace(
+            "<position name=\"close\" joint=\"left_joint\" kp=\"400\" ctrllimited=\"true\" ctrlrange=\"0 0.05\"/>",
+            "",
+        )
+        .replace("</equality>", "<joint joint1=\"left_joint\" joint2=\"right_joint\"/></equality>");
+    for (text, said) in [(stone, "name the palm with --palm"), (&circle, "no actuator moves the hand")] {
+        let source = file(&place, text);
+        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &mut Vec::new()).unwrap_err();
+        assert!(error.to_string().contains(said), "{error}");
+    }
+}
+
 #[test]
 fn nothing_is_left_behind_by_a_hand_that_fails() {
     let place = TempDir::new().unwrap();

@@ -12,7 +12,7 @@ use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_epi
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 
-use crate::gripper::GRIPPER_MODEL;
+use crate::gripper::{GRIPPER_MANIFEST, GRIPPER_MODEL};
 use crate::support::{constant_policy, gripper, gripper_with, job, mujoco, registry, task, tiny};
 
 fn every_hand() -> Vec<Hand> {
@@ -46,6 +46,26 @@ fn random_episode(env: &mut GraspEnv, seed: u64, scene: usize, steps: usize) -> 
         }
     }
     (seen, env.warnings())
+}
+
+/// Folders are said twice and the file's own folder is dropped; the scene reads the file that the hand was read with.
+#[test]
+fn a_scene_finds_the_files_that_the_hand_was_read_with() {
+    let directory = tempfile::TempDir::new().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(directory.path().join(name), text).unwrap();
+    let model = GRIPPER_MODEL
+        .replace(
+            "<default>",
+            r#"<compiler meshdir="first"/><compiler meshdir="second" strippath="true"/>
+            <asset><mesh name="pad" file="elsewhere/pad.obj"/></asset><default>"#,
+        )
+        .replace("<!-- extra bodies -->", r#"<geom type="mesh" mesh="pad" mass="0.01"/>"#);
+    write("hand.toml", GRIPPER_MANIFEST);
+    write("gripper.xml", &model);
+    std::fs::create_dir(directory.path().join("second")).unwrap();
+    write("second/pad.obj", "v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+    let hand = Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(task(&tiny(&[]), &hand).scenes.len(), 1);
 }
 
 #[test]

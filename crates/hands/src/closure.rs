@@ -26,11 +26,16 @@ pub(crate) struct Closure {
 }
 
 /// Reads the model at `model` (relative to `directory`) with everything it refers to.
-pub(crate) fn read(directory: &Path, manifest: &Path, model: &str) -> Result<Closure, HandError> {
-    let mut files = Files::new(directory)?;
+pub(crate) fn read(
+    directory: &Path,
+    manifest: &Path,
+    model: &str,
+    notes: &mut Vec<String>,
+) -> Result<Closure, HandError> {
+    let mut files = Files::new(directory, notes)?;
     files.add(manifest, "hand.toml", manifest)?;
     let model_path = directory.join(model);
-    let text = files.add(manifest, "model", &model_path)?;
+    let text = files.text(manifest, "model", &model_path)?;
     let mut root = parse(&text, &model_path)?;
     if root.name != "mujoco" {
         return Err(HandError::model(
@@ -53,18 +58,12 @@ pub(crate) fn read(directory: &Path, manifest: &Path, model: &str) -> Result<Clo
 }
 
 /// Reads the model in `file`, wherever it lies, with its includes expanded.
-pub(crate) fn expand(file: &Path) -> Result<Element, HandError> {
-    let mut root = parse(&std::fs::read(file).map_err(HandError::io(file))?, file)?;
+pub(crate) fn expand(file: &Path, notes: &mut Vec<String>) -> Result<Element, HandError> {
+    let mut files = Files::anywhere(notes);
+    let mut root = parse(&files.text(file, "model", file)?, file)?;
     let base = file.parent().unwrap_or(Path::new("")).to_path_buf();
-    let mut files = Files::anywhere();
     expand_includes(&mut root, file, &base, &mut files, 0)?;
     Ok(root)
-}
-
-/// Returns where the mesh lies that the model in `file` names.
-pub(crate) fn mesh_path(written: &str, compiler: &Compiler, file: &Path) -> PathBuf {
-    let name = if compiler.strip_path { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
-    file.parent().unwrap_or(Path::new("")).join(&compiler.mesh_dir).join(name)
 }
 
 /// Reads a file that an element of the model names.
@@ -81,13 +80,12 @@ pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Ve
 }
 
 /// Parses XML of bounded depth; `file` is named in errors.
-pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
+pub(crate) fn parse(text: &str, file: &Path) -> Result<Element, HandError> {
     // Readers of XML put the whole of a long reason on several lines.
     let xml_error = |message: String| HandError::Xml {
         file: file.to_path_buf(),
         message: message.split_whitespace().collect::<Vec<_>>().join(" "),
     };
-    let text = std::str::from_utf8(bytes).map_err(|e| xml_error(e.to_string()))?;
     let text = &xml::without_declaration(text).0;
     check_depth(text).map_err(xml_error)?;
     let nodes = Element::parse_all(text.as_bytes()).map_err(|e| xml_error(e.to_string()))?;
@@ -98,6 +96,12 @@ pub(crate) fn parse(bytes: &[u8], file: &Path) -> Result<Element, HandError> {
             _ => None,
         })
         .ok_or_else(|| xml_error("no root element".to_owned()))
+}
+
+/// What is said of a file that [`xml::decode`] read as Latin-1.
+pub(crate) fn latin_note(file: &Path) -> String {
+    let name = file.file_name().unwrap_or_default().to_string_lossy();
+    format!("{name} is not UTF-8; it was read as Latin-1")
 }
 
 /// Refuses text whose nesting would exhaust the stack of the recursive parser.
@@ -174,8 +178,8 @@ fn expand_includes(
                         format!("`{name}` a second time"),
                     ));
                 }
-                let bytes = files.add(file, "include file", &path)?;
-                let mut included = parse(&bytes, &path)?;
+                let text = files.text(file, "include file", &path)?;
+                let mut included = parse(&text, &path)?;
                 expand_includes(&mut included, &path, base, files, depth + 1)?;
                 children.append(&mut included.children);
             }
@@ -197,34 +201,30 @@ fn add_asset(
     base: &Path,
     files: &mut Files,
 ) -> Result<(), HandError> {
-    let folder = match asset.name.as_str() {
-        "mesh" | "hfield" | "skin" => &compiler.mesh_dir,
-        "texture" => &compiler.texture_dir,
-        _ => return Ok(()),
-    };
     for (attribute, value) in asset.attributes.iter().filter(|(name, _)| name.starts_with("file")) {
-        let name = if compiler.strip_path { value.rsplit(['/', '\\']).next().unwrap_or(value) } else { value };
-        files.add(model, &format!("{} {attribute}", asset.name), &base.join(folder).join(name))?;
+        let path = compiler.asset_path(&asset.name, value, base);
+        files.add(model, &format!("{} {attribute}", asset.name), &path)?;
     }
     Ok(())
 }
 
 /// Files read so far, by canonical path.
-struct Files {
+struct Files<'a> {
     directory: PathBuf,
     /// The directory that holds them all; none where they may lie anywhere.
     canonical: Option<PathBuf>,
     contents: BTreeMap<PathBuf, Vec<u8>>,
+    notes: &'a mut Vec<String>,
 }
 
-impl Files {
-    fn new(directory: &Path) -> Result<Self, HandError> {
+impl<'a> Files<'a> {
+    fn new(directory: &Path, notes: &'a mut Vec<String>) -> Result<Self, HandError> {
         let canonical = directory.canonicalize().map_err(HandError::io(directory))?;
-        Ok(Self { directory: directory.to_path_buf(), canonical: Some(canonical), contents: BTreeMap::new() })
+        Ok(Self { directory: directory.to_path_buf(), canonical: Some(canonical), contents: BTreeMap::new(), notes })
     }
 
-    fn anywhere() -> Self {
-        Self { directory: PathBuf::new(), canonical: None, contents: BTreeMap::new() }
+    fn anywhere(notes: &'a mut Vec<String>) -> Self {
+        Self { directory: PathBuf::new(), canonical: None, contents: BTreeMap::new(), notes }
     }
 
     /// Returns a canonical path as files are kept, if it is allowed.
@@ -262,6 +262,15 @@ impl Files {
         let bytes = std::fs::read(&canonical).map_err(HandError::io(path))?;
         self.contents.insert(relative, bytes.clone());
         Ok(bytes)
+    }
+
+    /// Reads a file of XML as [`Self::add`] does, with a note where it is not UTF-8.
+    fn text(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<String, HandError> {
+        let (text, is_latin) = xml::decode(&self.add(referrer, key, path)?);
+        if is_latin {
+            self.notes.push(latin_note(path));
+        }
+        Ok(text)
     }
 
     fn finish(self) -> (Vec<PathBuf>, String) {

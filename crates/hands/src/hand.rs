@@ -33,8 +33,10 @@ pub struct Hand {
     /// What was changed or assumed while the model was read, one line each.
     pub notes: Vec<String>,
     /// Every file that makes the hand, relative to its directory; a compiled plugin's sidecar and the files it generates.
+    /// The meshes that a URDF names are not listed.
     pub files: Vec<PathBuf>,
-    /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal.
+    /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal; for a URDF, of [`Self::assets`] too, which
+    /// its meshes have become.
     pub digest: String,
     /// The model's joints in MuJoCo's order, without the slide.
     pub joints: Vec<HandJoint>,
@@ -197,9 +199,10 @@ impl Hand {
         let text = std::fs::read_to_string(&manifest_path).map_err(HandError::io(&manifest_path))?;
         let manifest = HandManifest::parse(&text, &manifest_path)?;
         let model_path = directory.join(&manifest.model);
-        let (mut closure, assets, notes) = match manifest.format {
-            ModelFormat::Mjcf => (closure::read(directory, &manifest_path, &manifest.model)?, Vec::new(), Vec::new()),
-            ModelFormat::Urdf => import::read_urdf(directory, &manifest_path, &manifest)?,
+        let mut notes = Vec::new();
+        let (mut closure, assets) = match manifest.format {
+            ModelFormat::Mjcf => (closure::read(directory, &manifest_path, &manifest.model, &mut notes)?, Vec::new()),
+            ModelFormat::Urdf => import::read_urdf(directory, &manifest_path, &manifest, &mut notes)?,
         };
         additions::apply(&mut closure.model, &manifest, &manifest_path)?;
         let contents = Contents::read(&closure.model, &model_path)?;

@@ -22,13 +22,16 @@ pub struct ImportOptions {
     pub packages: BTreeMap<String, PathBuf>,
 }
 
+/// Files by the names that a model uses.
+pub type Assets = Vec<(String, Vec<u8>)>;
+
 /// A model that was read, mended and, where it was URDF, converted.
 #[derive(Debug)]
 pub struct Imported {
     /// Root `<mujoco>` element; files are named as in `assets`, without directories.
     pub model: Element,
     /// The files that the model names, by the names it uses.
-    pub assets: Vec<(String, Vec<u8>)>,
+    pub assets: Assets,
     /// Largest effort that the file states for a joint (N m or N), by joint.
     pub efforts: BTreeMap<String, f64>,
 }
@@ -50,7 +53,7 @@ impl Imported {
 pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> Result<Imported, HandError> {
     let bytes = std::fs::read(file).map_err(HandError::io(file))?;
     let text = String::from_utf8_lossy(&bytes);
-    let mut imported = match first_tag(&text) {
+    let mut imported = match first_tag(&text).map(|(_, name)| name) {
         Some("robot") => urdf::convert(file, options, None, notes)?,
         Some("mujoco" | "mujocoinclude") => mjcf::read(file, notes)?,
         other => {
@@ -64,23 +67,20 @@ pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> 
     Ok(imported)
 }
 
-/// A closure with the files that its model names, and what was changed.
-type Converted = (Closure, Vec<(String, Vec<u8>)>, Vec<String>);
-
-/// Reads the URDF of a hand's directory.
+/// Reads the URDF of a hand's directory, with the files that its model names.
 pub(crate) fn read_urdf(
     directory: &Path,
     manifest_path: &Path,
     manifest: &HandManifest,
-) -> Result<Converted, HandError> {
+    notes: &mut Vec<String>,
+) -> Result<(Closure, Assets), HandError> {
     let file = directory.join(&manifest.model);
     if !file.is_file() {
         return Err(HandError::MissingFile { file: manifest_path.to_path_buf(), key: "model".to_owned(), got: file });
     }
     let packages = manifest.packages.iter().map(|(name, path)| (name.clone(), directory.join(path))).collect();
-    let mut notes = Vec::new();
-    let mut imported = urdf::convert(&file, &ImportOptions { packages }, Some(directory), &mut notes)?;
-    servos::complete(&mut imported, &file, &mut notes)?;
+    let mut imported = urdf::convert(&file, &ImportOptions { packages }, Some(directory), notes)?;
+    servos::complete(&mut imported, &file, notes)?;
     let read = |path: &Path| std::fs::read(path).map_err(HandError::io(path));
     let mut contents = BTreeMap::from([
         (PathBuf::from(MANIFEST_FILE), read(manifest_path)?),
@@ -89,11 +89,11 @@ pub(crate) fn read_urdf(
     let files = contents.keys().cloned().collect();
     contents.extend(imported.assets.iter().map(|(name, bytes)| (PathBuf::from(name), bytes.clone())));
     let closure = Closure { model: imported.model, files, digest: closure::digest(&contents) };
-    Ok((closure, imported.assets, notes))
+    Ok((closure, imported.assets))
 }
 
-/// Returns the name of a document's first element, whatever stands before it.
-fn first_tag(text: &str) -> Option<&str> {
+/// Finds a document's first element, whatever stands before it: where its name begins, and the name.
+fn first_tag(text: &str) -> Option<(usize, &str)> {
     let mut rest = text;
     loop {
         rest = &rest[rest.find('<')?..];
@@ -102,8 +102,8 @@ fn first_tag(text: &str) -> Option<&str> {
         } else if rest.starts_with("<?") || rest.starts_with("<!") {
             rest.find('>')? + 1
         } else {
-            let name = &rest[1..];
-            return name.split(|c: char| c.is_whitespace() || c == '>' || c == '/').next();
+            let name = rest[1..].split(|c: char| c.is_whitespace() || c == '>' || c == '/').next()?;
+            return Some((text.len() - rest.len() + 1, name));
         };
         rest = &rest[end..];
     }

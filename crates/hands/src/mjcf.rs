@@ -1,7 +1,7 @@
 //! MJCF as MuJoCo 2.2.2 reads it: compiler settings, default classes and typed attributes.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use xmltree::{AttributeMap, Element};
 
@@ -74,6 +74,13 @@ impl Compiler {
             }
         }
         Ok(compiler)
+    }
+
+    /// Returns where the file lies that an asset element `kind` (`mesh`, `texture`, ...) of a model in `directory` names.
+    pub fn asset_path(&self, kind: &str, written: &str, directory: &Path) -> PathBuf {
+        let folder = if kind == "texture" { &self.texture_dir } else { &self.mesh_dir };
+        let name = if self.strip_path { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
+        directory.join(folder).join(name)
     }
 
     /// Converts a hinge angle of the file to radians.
@@ -187,7 +194,7 @@ fn place(element: &Element) -> String {
 pub(crate) struct Attributes {
     place: String,
     map: AttributeMap<String, String>,
-    file: std::path::PathBuf,
+    file: PathBuf,
 }
 
 impl Attributes {

@@ -186,7 +186,9 @@ fn plugin_directories(place: &Path) -> Result<Vec<PathBuf>, HandError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(place).map_err(HandError::io(place))? {
         let path = entry.map_err(HandError::io(place))?.path();
-        if compiled::holds_hand(&path) {
+        // A hand is written under such a name before it has its own.
+        let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+        if !hidden && compiled::holds_hand(&path) {
             found.push(path);
         }
     }

@@ -66,6 +66,15 @@ pub fn print(root: &Element) -> String {
     }
 }
 
+/// Returns a file's text without a byte-order mark. Tells whether it was not UTF-8 and so was read as Latin-1.
+pub(crate) fn decode(bytes: &[u8]) -> (String, bool) {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    match std::str::from_utf8(bytes) {
+        Ok(text) => (text.to_owned(), false),
+        Err(_) => (bytes.iter().map(|&byte| char::from(byte)).collect(), true),
+    }
+}
+
 /// Removes the XML declaration and what stands before it, keeping the line numbers of the rest. Tells whether a
 /// comment stood there.
 ///

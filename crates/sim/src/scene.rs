@@ -331,21 +331,12 @@ fn slide_servo(hand: &Hand, lifted_mass: f64) -> Element {
 /// Reads the files that the hand's assets name and renames them, so that two files of one name in
 /// two directories stay apart.
 fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, Vec<u8>)>) -> Result<(), SimError> {
-    let (model, directory) = (&hand.model, &hand.model_directory);
-    let directory_of = |key: &str| {
-        elements(model)
-            .filter(|s| s.name == "compiler")
-            .find_map(|c| c.attributes.get(key).or_else(|| c.attributes.get("assetdir")))
-            .cloned()
-            .unwrap_or_default()
-    };
     for item in elements_mut(section) {
         let Some(file) = item.attributes.get("file").cloned() else { continue };
-        let kind = if item.name == "texture" { "texturedir" } else { "meshdir" };
         let bytes = match hand.assets.iter().find(|(name, _)| *name == file) {
             Some((_, bytes)) => bytes.clone(),
             None => {
-                let path = directory.join(directory_of(kind)).join(&file);
+                let path = hand.compiler.asset_path(&item.name, &file, &hand.model_directory);
                 std::fs::read(&path).map_err(|source| SimError::ReadAsset { path, source })?
             }
         };

@@ -20,28 +20,31 @@ mod world;
 pub(super) use references::drop_dangling;
 pub(super) use world::keep_body;
 
+/// Sections of a file that say nothing about the hand's body; unknown things in them are left out with them.
+const LEFT_OUT: [&str; 8] = ["option", "size", "visual", "statistic", "custom", "sensor", "keyframe", "deformable"];
+
 /// Reads the MJCF in `file`.
 pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Imported, HandError> {
-    let mut root = closure::expand(file)?;
+    let mut root = closure::expand(file, notes)?;
     let compiler = Compiler::read(&root, file)?;
+    leave_out_sections(&mut root, notes);
     newer::mend(&mut root, file, notes)?;
     if root.name == "mujocoinclude" {
         let got = "<mujocoinclude>, a part of a model; name the file that includes it";
         return Err(HandError::model(file, "root element", "<mujoco>", got));
     }
     settings(&mut root, file, notes)?;
-    leave_out_sections(&mut root, notes);
-    world::one_root(&mut root, notes);
+    let defaults = Defaults::read(&root, file)?;
+    world::one_root(&mut root, &defaults, file, notes);
     world::name_parts(&mut root, notes);
     if Joints::read(&root, file)?.0.is_empty() {
         return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));
     }
     references::drop_dangling(&mut root, notes);
-    let defaults = Defaults::read(&root, file)?;
     let assets = assets::assets(&mut root, &defaults, &compiler, file, notes)?;
     physics::inertia_groups(&mut root, &defaults, file, notes)?;
     physics::contact_bits(&mut root, &defaults, file, notes)?;
-    references::connections(&mut root, file, notes)?;
+    references::connections(&mut root, notes);
     physics::damping(&mut root, &defaults, file, notes)?;
     Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
 }
@@ -122,7 +125,7 @@ fn in_radians_unsaid(root: &mut Element, file: &Path) -> Result<bool, HandError>
 fn leave_out_sections(root: &mut Element, notes: &mut Vec<String>) {
     let mut gone = BTreeSet::new();
     retain_elements(root, |section| {
-        let stays = !newer::LEFT_OUT.contains(&section.name.as_str());
+        let stays = !LEFT_OUT.contains(&section.name.as_str());
         if !stays {
             gone.insert(section.name.clone());
         }

@@ -6,7 +6,6 @@ use std::path::Path;
 use xmltree::{Element, XMLNode};
 
 use crate::error::HandError;
-use crate::xml::{elements_mut, set};
 
 /// Elements and attributes of MJCF in MuJoCo 2.2.2, as its own `mj_printSchema` lists them.
 const SCHEMA: &str = include_str!("mjcf-2.2.2.txt");
@@ -14,10 +13,6 @@ const SCHEMA: &str = include_str!("mjcf-2.2.2.txt");
 const ATTRIBUTE_COLUMN: usize = 30;
 /// Blanks for each level of nesting in [`SCHEMA`].
 const INDENT: usize = 3;
-
-/// Sections of a file that say nothing about the hand's body: unknown things in them are left out with them.
-pub(super) const LEFT_OUT: [&str; 8] =
-    ["option", "size", "visual", "statistic", "custom", "sensor", "keyframe", "deformable"];
 
 /// Attributes by element, the element named with its parent: `body/geom`.
 struct Schema(BTreeMap<String, BTreeSet<&'static str>>);
@@ -69,23 +64,12 @@ fn plain(name: &str) -> &str {
 pub(super) fn mend(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let schema = Schema::read();
     let mut found = BTreeSet::new();
-    keywords(root, &mut found);
     walk(root, &schema, file, &mut found)?;
     if !found.is_empty() {
         let list: Vec<String> = found.into_iter().collect();
         notes.push(format!("newer than MuJoCo 2.2.2 and left out: {}", list.join(", ")));
     }
     Ok(())
-}
-
-/// Values of known attributes that are newer.
-fn keywords(root: &mut Element, found: &mut BTreeSet<String>) {
-    for option in elements_mut(root).filter(|e| e.name == "option") {
-        if option.attributes.get("integrator").is_some_and(|value| value == "implicitfast") {
-            set(option, "integrator", "implicit");
-            found.insert("option integrator `implicitfast` (`implicit` stands for it)".to_owned());
-        }
-    }
 }
 
 fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSet<String>) -> Result<(), HandError> {
@@ -107,6 +91,10 @@ fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSe
             }
             if matches!((child.name.as_str(), key.as_str()), (_, "plugin" | "instance")) {
                 return Err(newer_error(file, format!("{} {key}", child.name), "an engine plugin", &child));
+            }
+            if matches!((child.name.as_str(), key.as_str()), ("weld", "site1" | "site2")) {
+                let what = "a weld between sites; write it with body1, body2 and relpose";
+                return Err(newer_error(file, format!("weld {key}"), what, &child));
             }
             child.attributes.shift_remove(&key);
             found.insert(format!("{} {key}", child.name));
@@ -136,10 +124,6 @@ fn refuse(parent: &str, child: &Element, file: &Path) -> Result<(), HandError> {
         }
         _ => return Ok(()),
     };
-    // What stands in a section that is left out goes with it.
-    if LEFT_OUT.contains(&parent) || LEFT_OUT.contains(&child.name.as_str()) {
-        return Ok(());
-    }
     Err(newer_error(file, format!("<{}> in <{parent}>", child.name), what, child))
 }
 

@@ -8,9 +8,10 @@ use xmltree::Element;
 use super::Imported;
 use super::mjcf::each_in_world;
 use crate::error::HandError;
-use crate::hand::JointKind;
+use crate::hand::{JointKind, Transmission};
 use crate::mjcf::{Defaults, section};
 use crate::model::Joints;
+use crate::servo;
 use crate::xml::{append, element, elements_mut, numbers, set};
 
 /// Torque limit of a hinge (N m) and force limit of a slide (N) where the file states none that a finger can have.
@@ -120,8 +121,10 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
     let mut stiffness = BTreeMap::new();
     for actuator in section(root, "actuator") {
         let resolved = defaults.resolve(actuator, None, file)?;
-        if let (Some(joint), Some(kp)) = (resolved.text("joint"), resolved.number("kp")?) {
-            stiffness.insert(joint.to_owned(), kp);
+        let joint = resolved.text("joint").or(resolved.text("jointinparent"));
+        if let (Some(joint), Some(servo)) = (joint, servo::read(&actuator.name, &resolved)?) {
+            let gear = resolved.number("gear")?.unwrap_or(1.0);
+            *stiffness.entry(joint.to_owned()).or_insert(0.0) += servo.stiffness * gear.powi(2);
         }
     }
     let mut changed = 0;
@@ -130,10 +133,10 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
             return Ok(());
         }
         let resolved = defaults.resolve(element, class, file)?;
-        let kp = element.attributes.get("name").and_then(|name| stiffness.get(name)).copied();
+        let stiffness = element.attributes.get("name").and_then(|name| stiffness.get(name)).copied();
         let slides = resolved.text("type") == Some("slide");
         let free = if slides { FREE_SLIDE_DAMPING } else { FREE_HINGE_DAMPING };
-        let least = kp.map_or(free, |kp| TIME_CONSTANT * kp);
+        let least = stiffness.map_or(free, |stiffness| TIME_CONSTANT * stiffness);
         let (damped, armed) =
             (resolved.number("damping")?.unwrap_or(0.0) >= least, resolved.number("armature")?.unwrap_or(0.0) > 0.0);
         changed += u64::from(!damped || !armed);
@@ -141,46 +144,50 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
             set(element, "damping", round(least).to_string());
         }
         if !armed {
-            let armature = (ARMATURE * kp.unwrap_or(0.0)).max(LEAST_ARMATURES[usize::from(slides)]);
+            let armature = (ARMATURE * stiffness.unwrap_or(0.0)).max(LEAST_ARMATURES[usize::from(slides)]);
             set(element, "armature", round(armature).to_string());
         }
         Ok::<(), HandError>(())
     })?;
     if changed > 0 {
         notes.push(format!(
-            "so that the hand is steady, {changed} joints got a damping of {TIME_CONSTANT} s times their servo's kp \
-             ({FREE_HINGE_DAMPING} N m s, slides {FREE_SLIDE_DAMPING} N s/m without a servo), or an armature of {ARMATURE} s2 times \
-             kp, where the file has less"
+            "so that the hand is steady, {changed} joints got a damping of {TIME_CONSTANT} s times their servo's \
+             stiffness ({FREE_HINGE_DAMPING} N m s, slides {FREE_SLIDE_DAMPING} N s/m without a servo), or an armature of {ARMATURE} s2 times \
+             it, where the file has less"
         ));
     }
     Ok(())
 }
 
-/// Gives a control range to actuators that have none and none can be computed.
+/// Gives a control range to actuators that have none: that which reaches all of the joint, or else a guess.
 fn control_ranges(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let defaults = Defaults::read(root, file)?;
-    let joints = Joints::read(root, file)?;
+    let joints = Joints::read(root, file)?.0;
     let mut made = Vec::new();
     for section in elements_mut(root).filter(|e| e.name == "actuator") {
         for actuator in elements_mut(section) {
             let resolved = defaults.resolve(actuator, None, file)?;
-            let servo = matches!(actuator.name.as_str(), "position" | "intvelocity" | "general");
-            let joint = resolved.text("joint").and_then(|name| joints.0.iter().find(|joint| joint.name == name));
-            if resolved.limits("ctrlrange", "ctrllimited")?.is_some()
-                || (servo && joint.is_some_and(|joint| joint.range.is_some()))
-            {
+            if resolved.limits("ctrlrange", "ctrllimited")?.is_some() {
                 continue;
             }
+            let servo = servo::read(&actuator.name, &resolved)?;
             let gear = resolved.number("gear")?.unwrap_or(1.0);
-            let (low, high) = match (resolved.limits("forcerange", "forcelimited")?, servo, joint) {
-                (_, true, Some(joint)) if joint.kind == JointKind::Hinge => (-TURN, TURN),
-                (_, true, Some(_)) => (-TRAVEL, TRAVEL),
-                (Some((low, high)), false, _) if gear != 0.0 => (low / gear.abs(), high / gear.abs()),
+            let target = resolved.text("joint").or(resolved.text("jointinparent"));
+            let joint = target.and_then(|name| joints.iter().find(|joint| joint.name == name));
+            let computed =
+                target.and_then(|name| servo::reach(&joints, &Transmission::Joint(name.to_owned()), gear, servo));
+            let (low, high) = match (computed, resolved.limits("forcerange", "forcelimited")?, servo, joint) {
+                (Some(range), ..) => range,
+                (None, _, Some(_), Some(joint)) if joint.kind == JointKind::Hinge => (-TURN, TURN),
+                (None, _, Some(_), Some(_)) => (-TRAVEL, TRAVEL),
+                (None, Some((low, high)), None, _) if gear != 0.0 => (low / gear.abs(), high / gear.abs()),
                 _ => (-1.0, 1.0),
             };
             set(actuator, "ctrllimited", "true");
-            set(actuator, "ctrlrange", format!("{low} {high}"));
-            made.push(actuator.attributes.get("name").cloned().unwrap_or_default());
+            set(actuator, "ctrlrange", numbers(&[low, high]));
+            if computed.is_none() {
+                made.push(actuator.attributes.get("name").cloned().unwrap_or_default());
+            }
         }
     }
     if !made.is_empty() {

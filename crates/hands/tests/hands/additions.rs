@@ -118,4 +118,8 @@ fn a_urdf_is_read_where_it_lies() {
     std::fs::write(files.path("finger.urdf"), stray).unwrap();
     let message = files.message();
     assert!(message.contains("leads out of the hand's directory") && message.contains("../stray.stl"), "{message}");
+    let packaged = urdf.replace("<sphere radius=\"0.01\"/>", "<mesh filename=\"package://finger/tip.stl\"/>");
+    std::fs::write(files.path("finger.urdf"), packaged).unwrap();
+    let message = files.message();
+    assert!(message.contains("`packages = { finger = \"DIR\" }` in hand.toml"), "{message}");
 }

@@ -30,7 +30,7 @@ const CROWDED: &str = r#"<mujoco model="crowded">
     <body name="ball"><freejoint/><geom name="ball_geom" size="0.02"/></body>
     <body name="pointer" mocap="true"><geom name="pointer_geom" size="0.01"/></body>
     <body name="base">
-      <geom size="0.03"/>
+      <geom size="0.03" fancy="1"/>
       <camera pos="0 0 1"/>
       <body>
         <joint range="0 1" damping="0.1"/>
@@ -120,9 +120,11 @@ fn what_is_no_hand_is_left_out() {
 #[test]
 fn what_is_newer_is_mended_and_said() {
     let (imported, notes) = read(CROWDED);
-    for said in ["implicitfast", "flag nativeccd", "kv or dampratio of 1 servos"] {
+    for said in ["geom fancy", "kv or dampratio of 1 servos"] {
         assert!(notes.contains(said), "{said}: {notes}");
     }
+    // What is left out with its section is not said to be mended.
+    assert!(!notes.contains("implicit") && !notes.contains("nativeccd"), "{notes}");
     let joint = every(&imported, "joint").into_iter().find(|joint| value(joint, "name") == "joint_1").unwrap();
     assert_eq!(value(joint, "damping").parse::<f64>().unwrap(), 0.1 + 0.3);
     assert!(every(&imported, "position").iter().all(|servo| !servo.attributes.contains_key("kv")));
@@ -148,6 +150,30 @@ fn a_motor_without_a_control_range_gets_one_from_its_force() {
     assert!(notes.contains("without a control range"), "{notes}");
 }
 
+/// A servo's range is computed from the joint's, as `Hand::load` does; a motor that is written as `general` is no servo.
+#[test]
+fn servos_without_a_control_range_get_one_from_their_joint() {
+    const MOTOR: &str = "<motor name=\"drive\" joint=\"bend\" gear=\"2\" forcerange=\"-3 3\" forcelimited=\"true\"/>";
+    for (actuator, range, guessed) in [
+        (r#"<position name="drive" joint="bend" kp="2"/>"#, "0 1", false),
+        (r#"<position name="drive" joint="bend" kp="2" gear="3" inheritrange="1"/>"#, "0 3", false),
+        (r#"<position name="drive" jointinparent="bend"/>"#, "0 1", false),
+        (
+            r#"<general name="drive" joint="bend" gainprm="2" biastype="affine" biasprm="0.5 -4 0"/>"#,
+            "-0.25 1.75",
+            false,
+        ),
+        (r#"<general name="drive" joint="bend" gainprm="0.5"/>"#, "-1 1", true),
+    ] {
+        let text = plain("").replace(MOTOR, actuator);
+        assert!(text.contains(actuator));
+        let (imported, notes) = read(&text);
+        let made = every(&imported, "actuator")[0].children[0].as_element().unwrap();
+        assert_eq!((value(made, "ctrllimited"), value(made, "ctrlrange")), ("true", range), "{actuator}");
+        assert_eq!(notes.contains("without a control range"), guessed, "{actuator}: {notes}");
+    }
+}
+
 #[test]
 fn a_model_without_actuators_gets_servos_and_damping() {
     let bare = plain("").replace(" damping=\"0.1\"", "");
@@ -161,6 +187,24 @@ fn a_model_without_actuators_gets_servos_and_damping() {
         value(joint, "damping").parse::<f64>().unwrap() > 0.0 && value(joint, "armature").parse::<f64>().unwrap() > 0.0
     );
     assert!(notes.contains("no actuators") && notes.contains("so that the hand is steady"), "{notes}");
+}
+
+/// The damping that steadies a joint follows from its servos' stiffness, however they are written.
+#[test]
+fn joints_without_damping_are_steadied_by_what_their_servos_are() {
+    const MOTOR: &str = "<motor name=\"drive\" joint=\"bend\" gear=\"2\" forcerange=\"-3 3\" forcelimited=\"true\"/>";
+    for (actuator, stiffness) in [
+        (r#"<general name="drive" joint="bend" gainprm="2" biastype="affine" biasprm="0 -2 0"/>"#, 2.0),
+        (r#"<position name="drive" joint="bend"/>"#, 1.0),
+        (r#"<position name="drive" joint="bend" kp="3" gear="2"/>"#, 12.0),
+    ] {
+        let text = plain("").replace(" damping=\"0.1\"", "").replace(MOTOR, actuator);
+        let (imported, notes) = read(&text);
+        let joint = every(&imported, "joint")[0];
+        let number = |key: &str| value(joint, key).parse::<f64>().unwrap();
+        assert!((number("damping") - 0.06 * stiffness).abs() < 1e-9, "{actuator}: {notes}");
+        assert!((number("armature") - 0.001 * stiffness).abs() < 1e-9, "{actuator}: {notes}");
+    }
 }
 
 /// A speed of the joint is twice as fast at the servo, and its force twice as large at the joint.
@@ -205,9 +249,52 @@ fn what_no_actuator_moves_is_an_object() {
     let finger = r#"<worldbody><body name="digit"><joint name="hinge"/><geom size="0.1"/><site name="knuckle"/></body></worldbody>
         <tendon><spatial name="string"><site site="end"/><site site="knuckle"/></spatial></tendon>"#;
     assert!(every(&read(&plain(finger)).0, "body").iter().any(|body| value(body, "name") == "digit"));
+    // So is one that is tied by its site, geom or joint, or that a force acts on from the other's frame.
+    let part = r#"<worldbody><body name="digit"><joint name="hinge"/><geom name="nail" size="0.1"/><site name="knuckle"/></body></worldbody>"#;
+    for tie in [
+        r#"<equality><connect site1="end" site2="knuckle"/></equality>"#,
+        r#"<equality><distance geom1="pad" geom2="nail"/></equality>"#,
+        r#"<actuator><general name="pull" site="end" refsite="knuckle"/></actuator>"#,
+        r#"<actuator><motor name="pull" jointinparent="hinge"/></actuator>"#,
+    ] {
+        let (imported, notes) = read(&plain(&format!("{part}{tie}")));
+        assert!(every(&imported, "body").iter().any(|body| value(body, "name") == "digit"), "{tie}: {notes}");
+    }
+    // A name of another kind of part ties nothing.
+    let namesake = r#"<worldbody><body name="bend"><joint name="hinge"/><geom size="0.1"/></body></worldbody>"#;
+    assert!(every(&read(&plain(namesake)).0, "body").iter().all(|body| value(body, "name") != "bend"));
     // So is one that a coupling moves.
     let coupled = format!(r#"{door}<equality><joint joint1="hinge" joint2="bend"/></equality>"#);
     assert!(every(&read(&plain(&coupled)).0, "body").iter().any(|body| value(body, "name") == "door"));
+}
+
+/// The type may stand in the class of the part, or of the bodies around it.
+#[test]
+fn floors_and_free_objects_are_known_by_their_class() {
+    let classes = r#"<default><default class="floor"><geom type="plane"/></default>
+        <default class="loose"><joint type="free"/></default></default><worldbody><geom name="ground" class="floor" size="1 1 1"/>
+        <body name="ball" childclass="loose"><joint name="flies"/><geom size="0.02"/></body></worldbody>"#;
+    let (imported, notes) = read(&plain(classes));
+    let bodies: Vec<&str> = every(&imported, "body").iter().map(|body| value(body, "name")).collect();
+    assert_eq!(bodies, ["base", "finger"]);
+    assert!(notes.contains("the floor `ground`") && notes.contains("the free object `ball`"), "{notes}");
+}
+
+/// A comment in Latin-1, in the file and in one that it includes, and a byte-order mark.
+#[test]
+fn files_need_not_be_utf_8() {
+    let files = Files::new("");
+    let text = plain("<include file=\"more.xml\"/>");
+    std::fs::write(files.path(), [b"<!-- M\xfcller -->".as_slice(), text.as_bytes()].concat()).unwrap();
+    let more = files.path().with_file_name("more.xml");
+    std::fs::write(&more, b"\xef\xbb\xbf<?xml version=\"1.0\"?><mujocoinclude><!-- gr\xfcn --></mujocoinclude>")
+        .unwrap();
+    let (imported, notes) = files.import();
+    assert_eq!(every(&imported.unwrap(), "joint").len(), 1);
+    assert!(notes.contains("hand.xml is not UTF-8") && notes.contains("more.xml is not UTF-8"), "{notes}");
+    std::fs::write(&more, "\u{feff}<?xml version=\"1.0\"?><mujocoinclude/>").unwrap();
+    let (imported, notes) = files.import();
+    assert!(imported.is_ok() && !notes.contains("more.xml"), "{notes}");
 }
 
 #[test]
@@ -238,6 +325,14 @@ fn what_refers_to_parts_that_are_gone_is_named() {
 }
 
 #[test]
+fn the_actuators_of_an_arm_go_with_it() {
+    let arm = plain("").replace("<motor name=\"drive\" joint=", "<motor name=\"drive\" jointinparent=");
+    let (mut imported, mut notes) = (read(&arm).0, Vec::new());
+    imported.leave_out_arm("finger", &["bend".to_owned()], &mut notes);
+    assert!(every(&imported, "motor").is_empty() && notes.concat().contains("<motor> `drive`"), "{notes:?}");
+}
+
+#[test]
 fn connections_between_sites_become_connections_between_bodies() {
     let (imported, _) = read(&plain(r#"<equality><connect site1="end" site2="end"/></equality>"#));
     let connect = every(&imported, "connect")[0];
@@ -263,6 +358,7 @@ fn parts_in_the_world_are_put_into_one_body() {
 fn what_cannot_be_kept_is_refused_with_the_reason() {
     for (text, said) in [
         (plain("<extension><plugin plugin=\"mujoco.pid\"/></extension>"), "engine plugins"),
+        (plain(r#"<equality><weld name="w" site1="end" site2="end"/></equality>"#), "body1, body2 and relpose"),
         (plain("<worldbody><frame pos=\"0 0 1\"/></worldbody>"), "frames"),
         (plain("<worldbody><replicate count=\"3\"/></worldbody>"), "models made of models"),
         (plain("").replace("angle=\"radian\"", "coordinate=\"global\""), "local coordinates"),

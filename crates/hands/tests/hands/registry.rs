@@ -33,6 +33,8 @@ fn discover(places: &[&Path]) -> Registry {
 fn hands_are_found_by_name_and_by_path() {
     let place = place_with(&[("b", "bravo"), ("a", "alpha")]);
     std::fs::create_dir(place.path().join("no-hand")).unwrap();
+    // A hand that is being written.
+    fixture::write(&place.path().join(".bravo.x1y2"));
     let registry = discover(&[place.path()]);
     let names: Vec<&str> = registry.list().iter().map(|e| e.name.as_str()).collect();
     assert_eq!(names, ["alpha", "bravo"]);

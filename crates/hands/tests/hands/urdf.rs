@@ -295,6 +295,10 @@ fn prefixes_need_no_declaration() {
     let drake = FINGER.replace("<material ", "<drake:group name=\"a\" drake:kind=\"b:c\"/><material ");
     assert_ne!(drake, FINGER);
     assert_eq!(convert(&drake).model, convert(FINGER).model);
+    // The root is not what a comment says, and the prefix is not the beginning of another.
+    let commented = drake.replace("<robot ", "<!-- a <robot of two --><robot xmlns:drakeling=\"d\" ");
+    assert_ne!(commented, drake);
+    assert_eq!(convert(&commented).model, convert(FINGER).model);
 }
 
 /// MuJoCo looks for a centre of mass where a body has several geoms without mass.
@@ -443,6 +447,8 @@ fn stl_is_read_in_both_forms() {
     let robot = Robot::new(&with_mesh("<mesh filename=\"tip.stl\"/>"));
     robot.write("urdf/tip.stl", text.as_bytes());
     let first = robot.import().unwrap().imported.assets;
+    robot.write("urdf/tip.stl", text.to_uppercase().as_bytes());
+    assert_eq!(robot.import().unwrap().assets, first, "capitals are the same");
     robot.write("urdf/tip.stl", &first[0].1);
     assert_eq!(robot.import().unwrap().assets, first, "what was written reads as the same");
     robot.write("urdf/tip.stl", &first[0].1[..150]);

@@ -68,7 +68,9 @@ fn common_ancestor(model: &Model) -> Result<BodyId, SimError> {
     let shared = ancestors(model, first)
         .skip(usize::from(ends.len() == 1))
         .find(|&a| ends.iter().all(|&end| end != a && ancestors(model, end).any(|b| b == a)));
-    shared.filter(|b| b.index() > 0).ok_or_else(|| refuse("no body carries all fingers; name the palm with --palm"))
+    shared
+        .filter(|&b| b.index() > 0 && model.body_name(b) != CARRIAGE)
+        .ok_or_else(|| refuse("no body carries all fingers; name the palm with --palm"))
 }
 
 /// Returns the body at the top of the rigid group of `body`: what no joint moves against it.

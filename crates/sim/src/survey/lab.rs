@@ -67,7 +67,10 @@ impl<'a> Lab<'a> {
                 let name = model.actuator_name(id);
                 model.control_range(id).ok_or_else(|| refuse(format!("actuator {name:?} has no control range")))
             })
-            .collect::<Result<_, _>>()?;
+            .collect::<Result<Vec<_>, _>>()?;
+        if ranges.is_empty() {
+            return Err(refuse("no actuator moves the hand; give the file one, on a joint that follows no other"));
+        }
         let data = Data::new(model)?;
         Ok(Lab {
             model,

@@ -8,7 +8,7 @@ use xmltree::Element;
 
 use super::{Mesh, Point};
 use crate::closure;
-use crate::xml::elements;
+use crate::xml::{self, elements};
 
 /// Deepest chain of nodes and of nodes that stand for others.
 const MAX_DEPTH: usize = 50;
@@ -19,8 +19,7 @@ const MAX_TRIANGLES: usize = 4_000_000;
 
 /// Reads the scene of a file. The axis that points up is not turned, as robots' viewers do not turn it either.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
-    let root = closure::parse(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), Path::new("COLLADA"))
-        .map_err(|e| e.to_string())?;
+    let root = closure::parse(&xml::decode(bytes).0, Path::new("COLLADA")).map_err(|e| e.to_string())?;
     if root.name != "COLLADA" {
         return Err(format!("<{}> as the root element", root.name));
     }

@@ -11,7 +11,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
     match binary(bytes) {
         Some(mesh) => Ok(mesh),
         // A binary file may begin with `solid` too, so its length was asked first.
-        None if bytes.trim_ascii_start().starts_with(b"solid") => text(&String::from_utf8_lossy(bytes)),
+        None if bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) => {
+            text(&String::from_utf8_lossy(bytes))
+        }
         None => Err("an STL file whose length is not what its number of faces says".to_owned()),
     }
 }

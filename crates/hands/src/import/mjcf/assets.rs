@@ -7,6 +7,7 @@ use xmltree::Element;
 
 use crate::closure;
 use crate::error::HandError;
+use crate::import::Assets;
 use crate::mjcf::{Compiler, Defaults};
 use crate::xml::{attribute, elements_mut, retain_elements, set};
 
@@ -17,8 +18,8 @@ pub(super) fn assets(
     compiler: &Compiler,
     file: &Path,
     notes: &mut Vec<String>,
-) -> Result<Vec<(String, Vec<u8>)>, HandError> {
-    let mut kept: Vec<(String, Vec<u8>)> = Vec::new();
+) -> Result<Assets, HandError> {
+    let mut kept = Assets::new();
     let mut names: BTreeMap<PathBuf, String> = BTreeMap::new();
     let mut looks = 0;
     for section in elements_mut(root).filter(|e| e.name == "asset") {
@@ -39,7 +40,7 @@ pub(super) fn assets(
                 let stem = Path::new(&written).file_stem().unwrap_or_default().to_string_lossy().into_owned();
                 set(asset, "name", stem);
             }
-            let path = closure::mesh_path(&written, compiler, file);
+            let path = compiler.asset_path(&asset.name, &written, file.parent().unwrap_or(Path::new("")));
             if !names.contains_key(&path) {
                 let bytes = closure::read_asset(&path, asset, file)?;
                 let name = free_name(&written, &kept);

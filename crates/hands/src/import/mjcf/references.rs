@@ -1,19 +1,17 @@
 //! Names that refer to parts of the hand.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
 use xmltree::Element;
 
 use super::each_in_world;
-use crate::error::HandError;
 use crate::import::note;
 use crate::xml::{attribute, elements, elements_mut, retain_elements, set};
 
 /// Sections in which an element names others.
 const REFERRING: [&str; 4] = ["contact", "equality", "tendon", "actuator"];
 /// Attributes that name bodies, geoms, sites and joints, with the kind of what they name.
-const REFERENCES: [(&str, &str); 16] = [
+const REFERENCES: [(&str, &str); 17] = [
     ("body", "body"),
     ("body1", "body"),
     ("body2", "body"),
@@ -30,11 +28,27 @@ const REFERENCES: [(&str, &str); 16] = [
     ("joint", "joint"),
     ("joint1", "joint"),
     ("joint2", "joint"),
+    ("jointinparent", "joint"),
 ];
+
+/// A part of the hand: what kind of element it is, and its name.
+pub(super) type Named = (String, String);
+
+/// The parts that one element names, by itself.
+fn references(element: &Element) -> impl Iterator<Item = Named> {
+    let named = |(key, kind): &(&str, &str)| Some(((*kind).to_owned(), attribute(element, key)?.to_owned()));
+    REFERENCES.iter().filter_map(named)
+}
+
+/// Collects the parts that `element` and what is in it name.
+pub(super) fn named_by(element: &Element, found: &mut BTreeSet<Named>) {
+    found.extend(references(element));
+    elements(element).for_each(|child| named_by(child, found));
+}
 
 /// Leaves out what refers to parts that were left out.
 pub(in crate::import) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
-    let mut known: BTreeSet<(String, String)> = BTreeSet::new();
+    let mut known: BTreeSet<Named> = BTreeSet::new();
     let _: Result<(), ()> = each_in_world(root, &mut |element, _| {
         if let Some(name) = attribute(element, "name") {
             known.insert((element.name.clone(), name.to_owned()));
@@ -42,11 +56,7 @@ pub(in crate::import) fn drop_dangling(root: &mut Element, notes: &mut Vec<Strin
         Ok(())
     });
     known.insert(("body".to_owned(), "world".to_owned()));
-    let refers_well = |e: &Element| {
-        REFERENCES.iter().all(|(key, kind)| {
-            attribute(e, key).is_none_or(|name| known.contains(&((*kind).to_owned(), name.to_owned())))
-        })
-    };
+    let refers_well = |e: &Element| references(e).all(|part| known.contains(&part));
     let mut dropped = Vec::new();
     let mut tendons = BTreeSet::new();
     for section in elements_mut(root).filter(|e| e.name == "tendon") {
@@ -76,7 +86,7 @@ fn described(element: &Element) -> String {
 }
 
 /// Writes connections between sites as connections between their bodies.
-pub(super) fn connections(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
+pub(super) fn connections(root: &mut Element, notes: &mut Vec<String>) {
     fn sites<'a>(parent: &'a Element, found: &mut BTreeMap<String, (&'a Element, &'a str)>) {
         for child in elements(parent) {
             match child.name.as_str() {
@@ -96,16 +106,8 @@ pub(super) fn connections(root: &mut Element, file: &Path, notes: &mut Vec<Strin
     for section in elements_mut(root).filter(|e| e.name == "equality") {
         for connect in elements_mut(section).filter(|e| e.name == "connect") {
             for (site_key, body_key) in [("site1", "body1"), ("site2", "body2")] {
-                let Some(name) = connect.attributes.shift_remove(site_key) else { continue };
-                let Some((site, body)) = known.get(&name) else {
-                    return Err(HandError::unresolved(
-                        file,
-                        format!("connect {site_key}"),
-                        "a site of the model",
-                        &name,
-                        known.keys().map(String::as_str),
-                    ));
-                };
+                let site = connect.attributes.shift_remove(site_key).and_then(|name| known.get(&name));
+                let Some((site, body)) = site else { continue };
                 set(connect, body_key, (*body).to_owned());
                 if site_key == "site1" {
                     let anchor = attribute(site, "pos").unwrap_or("0 0 0");
@@ -120,5 +122,4 @@ pub(super) fn connections(root: &mut Element, file: &Path, notes: &mut Vec<Strin
             "connections between sites, newer than MuJoCo 2.2.2, are written as connections between bodies".to_owned(),
         );
     }
-    Ok(())
 }

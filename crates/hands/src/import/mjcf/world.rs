@@ -1,19 +1,25 @@
 //! One body in the world, and names on its parts.
 
 use std::collections::BTreeSet;
+use std::path::Path;
 
 use xmltree::{Element, XMLNode};
 
 use super::each_in_world;
+use super::references::{Named, named_by};
 use crate::import::note;
+use crate::mjcf::Defaults;
 use crate::xml::{append, attribute, element, elements, elements_mut, retain_elements, set};
 
 /// Name of the body that is made where a file keeps parts of the hand in the world.
 const BASE: &str = "base";
 const ACTUATOR: &str = "actuator";
 
+/// The type of a joint or geom, which a class of its own or of the bodies around it may give it.
+type TypeOf<'a> = dyn Fn(&Element, Option<&str>) -> Option<String> + 'a;
+
 /// Leaves one body in the world, the hand's root, without the floor, lights and objects that a hand's file may carry.
-pub(super) fn one_root(root: &mut Element, notes: &mut Vec<String>) {
+pub(super) fn one_root(root: &mut Element, defaults: &Defaults, file: &Path, notes: &mut Vec<String>) {
     let mut world = Element::new("worldbody");
     root.children.retain(|node| match node {
         XMLNode::Element(e) if e.name == "worldbody" => {
@@ -23,7 +29,9 @@ pub(super) fn one_root(root: &mut Element, notes: &mut Vec<String>) {
         _ => true,
     });
     let mut gone = Vec::new();
-    world.children.retain_mut(|node| node.as_mut_element().is_some_and(|child| belongs(child, &mut gone)));
+    // A class that does not exist is refused later.
+    let type_of: &TypeOf = &|part, class| defaults.resolve(part, class, file).ok()?.text("type").map(str::to_owned);
+    world.children.retain_mut(|node| node.as_mut_element().is_some_and(|child| belongs(child, type_of, &mut gone)));
     leave_out_unmoved(&mut world, root, &mut gone);
     strip(&mut world);
     let bodies = elements(&world).filter(|e| e.name == "body").count();
@@ -39,19 +47,19 @@ pub(super) fn one_root(root: &mut Element, notes: &mut Vec<String>) {
 }
 
 /// Tells whether a child of the world is part of the hand, which is then tied to its mount.
-fn belongs(child: &mut Element, gone: &mut Vec<String>) -> bool {
+fn belongs(child: &mut Element, type_of: &TypeOf, gone: &mut Vec<String>) -> bool {
     let name = attribute(child, "name").map(|name| format!(" `{name}`")).unwrap_or_default();
     match child.name.as_str() {
         "light" | "camera" => false,
-        "geom" if matches!(attribute(child, "type"), Some("plane" | "hfield")) => {
+        "geom" if matches!(type_of(child, None).as_deref(), Some("plane" | "hfield")) => {
             gone.push(format!("the floor{name}"));
             false
         }
         "body" => {
-            let moves = has_joint(child);
+            let moves = has_joint(child, None, type_of);
+            let class = attribute(child, "childclass").map(str::to_owned);
             let mocap = child.attributes.shift_remove("mocap").is_some_and(|value| value == "true");
-            let free =
-                |e: &Element| e.name == "freejoint" || (e.name == "joint" && attribute(e, "type") == Some("free"));
+            let free = |e: &Element| e.name == "freejoint" || is_free(e, class.as_deref(), type_of);
             let was_free = elements(child).any(free);
             retain_elements(child, |e| !free(e));
             if moves {
@@ -71,32 +79,14 @@ fn belongs(child: &mut Element, gone: &mut Vec<String>) -> bool {
 
 /// Where actuators move some bodies of the world, those that neither they nor couplings reach are objects.
 fn leave_out_unmoved(world: &mut Element, root: &Element, gone: &mut Vec<String>) {
-    const KEYS: [&str; 12] = [
-        "joint",
-        "joint1",
-        "joint2",
-        "jointinparent",
-        "body",
-        "body1",
-        "body2",
-        "site",
-        "sidesite",
-        "geom",
-        "cranksite",
-        "slidersite",
-    ];
-    fn names(element: &Element, found: &mut BTreeSet<String>) {
-        found.extend(KEYS.iter().filter_map(|key| attribute(element, key)).map(str::to_owned));
-        elements(element).for_each(|child| names(child, found));
-    }
-    fn reached(body: &Element, named: &BTreeSet<String>) -> bool {
-        attribute(body, "name").is_some_and(|name| named.contains(name))
-            || elements(body).any(|part| reached(part, named))
+    fn reached(part: &Element, named: &BTreeSet<Named>) -> bool {
+        attribute(part, "name").is_some_and(|name| named.contains(&(part.name.clone(), name.to_owned())))
+            || elements(part).any(|inner| reached(inner, named))
     }
     let mut named = BTreeSet::new();
     elements(root)
         .filter(|e| matches!(e.name.as_str(), ACTUATOR | "tendon" | "equality"))
-        .for_each(|section| names(section, &mut named));
+        .for_each(|section| named_by(section, &mut named));
     if !elements(world).any(|body| body.name == "body" && reached(body, &named)) {
         return;
     }
@@ -137,12 +127,17 @@ pub(in crate::import) fn keep_body(root: &mut Element, name: &str, joints: &[Str
     }
 }
 
-fn has_joint(body: &Element) -> bool {
+fn has_joint(body: &Element, childclass: Option<&str>, type_of: &TypeOf) -> bool {
+    let class = attribute(body, "childclass").or(childclass);
     elements(body).any(|child| match child.name.as_str() {
-        "joint" => attribute(child, "type") != Some("free"),
-        "body" => has_joint(child),
+        "joint" => !is_free(child, class, type_of),
+        "body" => has_joint(child, class, type_of),
         _ => false,
     })
+}
+
+fn is_free(element: &Element, class: Option<&str>, type_of: &TypeOf) -> bool {
+    element.name == "joint" && type_of(element, class).as_deref() == Some("free")
 }
 
 /// Takes cameras and lights off the bodies.

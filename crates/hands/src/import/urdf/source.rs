@@ -7,7 +7,7 @@ use xmltree::Element;
 
 use crate::closure;
 use crate::error::HandError;
-use crate::import::note;
+use crate::import::{first_tag, note};
 use crate::xml::{self, append, elements, set};
 
 /// What a joint says that the reader of URDF would replace by a default without a word.
@@ -42,13 +42,16 @@ struct Clean {
 /// Reads the robot in `file`.
 pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Source, HandError> {
     let bytes = std::fs::read(file).map_err(HandError::io(file))?;
-    let text = decode(&bytes, notes);
+    let (text, is_latin) = xml::decode(&bytes);
+    if is_latin {
+        notes.push(closure::latin_note(file));
+    }
     let (text, comment) = xml::without_declaration(&text);
     if comment {
         notes.push("a comment stands before the XML declaration, which XML does not allow; it was skipped".to_owned());
     }
     refuse_xacro_tags(&text, file)?;
-    let root = closure::parse(declare_prefixes(&text).as_bytes(), file)?;
+    let root = closure::parse(&declare_prefixes(&text), file)?;
     if root.name != "robot" {
         return Err(HandError::model(file, "root element", "<robot>", format!("<{}>", root.name)));
     }
@@ -68,17 +71,6 @@ pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Source, HandE
     Ok(Source { robot, stated, has_inertial })
 }
 
-fn decode(bytes: &[u8], notes: &mut Vec<String>) -> String {
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-    match std::str::from_utf8(bytes) {
-        Ok(text) => text.to_owned(),
-        Err(_) => {
-            notes.push("the file is not UTF-8; it was read as Latin-1".to_owned());
-            bytes.iter().map(|&byte| char::from(byte)).collect()
-        }
-    }
-}
-
 /// Declares the prefixes of names that the text uses without a declaration, such as `drake:`, on the root element.
 fn declare_prefixes(text: &str) -> String {
     let mut undeclared = BTreeSet::new();
@@ -91,7 +83,7 @@ fn declare_prefixes(text: &str) -> String {
                 let plain = prefix.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '_' | '-' | '.'));
                 if plain
                     && prefix.starts_with(|c: char| c.is_ascii_alphabetic())
-                    && !text.contains(&format!("xmlns:{prefix}"))
+                    && !text.contains(&format!("xmlns:{prefix}="))
                 {
                     undeclared.insert(prefix.to_owned());
                 }
@@ -99,7 +91,9 @@ fn declare_prefixes(text: &str) -> String {
         }
     }
     let declarations: String = undeclared.iter().map(|prefix| format!(" xmlns:{prefix}=\"undeclared\"")).collect();
-    text.replacen("<robot", &format!("<robot{declarations}"), 1)
+    let Some((at, name)) = first_tag(text) else { return text.to_owned() };
+    let (before, after) = text.split_at(at + name.len());
+    format!("{before}{declarations}{after}")
 }
 
 fn xacro(file: &Path, got: String) -> HandError {

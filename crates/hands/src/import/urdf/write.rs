@@ -6,11 +6,12 @@ use nalgebra::{Isometry3, Vector3};
 use urdf_rs::Robot;
 use xmltree::Element;
 
-use super::geometry::{Assets, Geom};
+use super::geometry::Geom;
 use super::inertia::Inertial;
 use super::joints::{Joint, Motion};
 use super::mimic::Mimic;
 use super::tree::Tree;
+use crate::import::Assets;
 use crate::xml::{append, append_section, element, numbers, set};
 
 /// Name that MuJoCo keeps for itself.
