@@ -179,14 +179,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         Box::new(Lines::new(LINE_EVERY))
     };
-    let resume = format!("cargo xtask train --resume {}", plan.run.display());
+    let plugins: String = args.settings.plugins.iter().map(|place| format!(" --plugins {}", place.display())).collect();
+    let resume = format!("cargo xtask train --resume {}{plugins}", plan.run.display());
     let summary = launch
         .run(&stop, progress.as_mut())
         .with_context(|| format!("the run stopped; continue from its last checkpoint with: {resume}"))?;
     if args.json {
         print_json(&Report { run: plan.run.clone(), summary: &summary })?;
     } else {
-        print(&describe(&plan, &summary))?;
+        print(&describe(&plan, &summary, &plugins))?;
     }
     match summary.stopped_by {
         StoppedBy::Episodes => Ok(Outcome::Done),
@@ -273,7 +274,8 @@ fn heading(plan: &Plan) -> String {
     text
 }
 
-fn describe(plan: &Plan, summary: &Summary) -> String {
+/// `plugins` are the options that name further directories of hands, as later commands need them.
+fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {
         let _ = writeln!(text, "{name:<10} {value}");
@@ -335,8 +337,8 @@ fn describe(plan: &Plan, summary: &Summary) -> String {
     line("", "  postures.sqlite               the posture database");
     line("", "  metrics.csv, summary.json     how it learned");
     if summary.stopped_by == StoppedBy::Episodes {
-        line("next", &format!("cargo xtask eval {run}"));
-        line("", &format!("cargo xtask export {run} --out my-{}", plan.hand));
+        line("next", &format!("cargo xtask eval {run}{plugins}"));
+        line("", &format!("cargo xtask export {run}{plugins} --out my-{}", plan.hand));
     }
     text
 }
