@@ -48,23 +48,10 @@ impl<'a> MatrixMut<'a> {
     }
 }
 
-/// Whether a product replaces its destination or is added to it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Write {
-    /// `out = a b`
-    Replace,
-    /// `out += a b`
-    Add,
-}
-
-/// `(a: m x k, b: k x n) => out: m x n`, on the calling thread.
+/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten; on the calling thread.
 ///
 /// # Panics
 /// When the shapes do not fit one another.
-pub fn gemm(out: MatrixMut<'_>, write: Write, a: Matrix<'_>, b: Matrix<'_>) {
-    let accum = match write {
-        Write::Replace => Accum::Replace,
-        Write::Add => Accum::Add,
-    };
-    matmul(out.view, accum, a.view, b.view, 1.0, Par::Seq);
+pub fn gemm(out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>) {
+    matmul(out.view, Accum::Replace, a.view, b.view, 1.0, Par::Seq);
 }

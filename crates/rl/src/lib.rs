@@ -35,7 +35,7 @@ pub use ddpg::{Ddpg, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};
 pub use error::RlError;
 pub use explore::{Coordination, Exploration, ExplorationConfig};
-pub use gemm::{Matrix, MatrixMut, Write, gemm};
+pub use gemm::{Matrix, MatrixMut, gemm};
 pub use her::{Batch, GoalChoice, HerConfig, Origin, RewardFn, choose_goal, sample_batch};
 pub use net::{InputGradient, LayerShape, Mlp, MlpScratch, OutputActivation, Rows};
 pub use normalizer::{NormalizerConfig, RunningNormalizer};

@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt};
 
 use crate::elementwise;
-use crate::gemm::{Matrix, MatrixMut, Write, gemm};
+use crate::gemm::{Matrix, MatrixMut, gemm};
 
 /// What follows the last layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -199,7 +199,7 @@ impl Mlp {
             };
             let out = &mut from[0];
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
-            gemm(MatrixMut::new(out, batch, layer.outputs), Write::Replace, input, weight.t());
+            gemm(MatrixMut::new(out, batch, layer.outputs), input, weight.t());
             let bias = &self.parameters[layer.bias()];
             match (i == last, self.output) {
                 (false, _) if self.layer_norm => {
@@ -252,12 +252,12 @@ impl Mlp {
                     None => Matrix::strided(x.data, batch, layer.inputs, x.stride),
                 };
                 let out = MatrixMut::new(&mut gradient[layer.weight()], layer.outputs, layer.inputs);
-                gemm(out, Write::Replace, d.t(), input);
+                gemm(out, d.t(), input);
             }
             let Some(below) = i.checked_sub(1) else { break };
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
             let next = &mut next_delta[..batch * layer.inputs];
-            gemm(MatrixMut::new(next, batch, layer.inputs), Write::Replace, d, weight);
+            gemm(MatrixMut::new(next, batch, layer.inputs), d, weight);
             match parameter_gradient.as_deref_mut() {
                 gradient if self.layer_norm => {
                     let Normalized { values, inverse_std } = &normalized[below];
@@ -279,7 +279,7 @@ impl Mlp {
             let d = Matrix::new(&delta[..batch * layer.outputs], batch, layer.outputs);
             let weight = &self.parameters[layer.weight()][first..];
             let columns = Matrix::strided(weight, layer.outputs, n, layer.inputs);
-            gemm(MatrixMut::new(out, batch, n), Write::Replace, d, columns);
+            gemm(MatrixMut::new(out, batch, n), d, columns);
         }
     }
 

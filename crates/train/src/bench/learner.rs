@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use eigenhand_rl::{
     Batch, Ddpg, DdpgConfig, EpisodeData, EpisodeShape, HerConfig, Matrix, MatrixMut, Mlp, OutputActivation, Replay,
-    RewardFn, Write, gemm, rng, sample_batch,
+    RewardFn, gemm, rng, sample_batch,
 };
 use eigenhand_sim::StepFacts;
 use rand::RngExt;
@@ -168,7 +168,7 @@ fn measure(
         })?;
         let product = timed(|| {
             let out = MatrixMut::new(&mut c, SQUARE, SQUARE);
-            gemm(out, Write::Replace, Matrix::new(&a, SQUARE, SQUARE), Matrix::new(&b, SQUARE, SQUARE));
+            gemm(out, Matrix::new(&a, SQUARE, SQUARE), Matrix::new(&b, SQUARE, SQUARE));
             Ok(())
         })?;
         std::hint::black_box(&c);
