@@ -104,3 +104,24 @@ impl Adam {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn moments_without_gradients_become_zero_rather_than_subnormal() {
+        let mut adam = Adam::new(AdamConfig::default(), 1e-3, 3);
+        let mut parameters = [1.0, 1.0, 1.0];
+        adam.step(&mut parameters, &[1.0, 1e-6, 0.0], None);
+        assert!(adam.first_moment[1] > 0.0 && adam.second_moment[1] > 0.0);
+        for _ in 0..1000 {
+            adam.step(&mut parameters, &[0.0, 0.0, 1e-30], None);
+        }
+        assert_eq!(adam.first_moment, [0.0; 3]);
+        assert!(adam.second_moment[..2].iter().all(|v| v.is_normal()), "{:?}", adam.second_moment);
+        assert_eq!(adam.second_moment[2], 0.0);
+        adam.step(&mut parameters, &[f32::NAN; 3], None);
+        assert!(parameters.iter().all(|p| p.is_nan()));
+    }
+}
