@@ -21,6 +21,8 @@ use crate::trainer::task_of;
 const N_EPISODES: usize = 200;
 /// Updates, and samplings, that run before the others have their turn.
 const CHUNK: u32 = 10;
+/// Updates before a turn is timed, as in the peers' scripts.
+const WARM_UP: u32 = 20;
 /// Rows and columns of the matrices whose product is the measure of the core.
 const SQUARE: usize = 1024;
 /// Turns that each of two implementations has.
@@ -107,15 +109,21 @@ impl Bench {
         self.learner.update(&self.batch, &mut self.random);
     }
 
+    fn learn(&mut self, updates: u32) -> Result<(), TrainError> {
+        for _ in 0..updates {
+            self.sample()?;
+            self.update();
+        }
+        Ok(())
+    }
+
     /// Returns updates a second, minibatches drawn included.
     fn rate(&mut self, duration: Duration) -> Result<f64, TrainError> {
+        self.learn(WARM_UP)?;
         let start = Instant::now();
         let mut updates = 0u32;
         while start.elapsed() < duration {
-            for _ in 0..CHUNK {
-                self.sample()?;
-                self.update();
-            }
+            self.learn(CHUNK)?;
             updates += CHUNK;
         }
         Ok(f64::from(updates) / start.elapsed().as_secs_f64())
@@ -155,8 +163,7 @@ fn measure(
     let mut bench = Bench::new(config, shape)?;
     let (a, b) = (vec![0.5f32; SQUARE * SQUARE], vec![0.25f32; SQUARE * SQUARE]);
     let mut c = vec![0.0f32; SQUARE * SQUARE];
-    bench.sample()?;
-    bench.update();
+    bench.learn(1)?;
     let (mut updates, mut samplings, mut products, mut shares) = (vec![], vec![], vec![], vec![]);
     let (mut peaks, mut shares_of_peak) = (vec![], vec![]);
     let start = Instant::now();
