@@ -1,5 +1,6 @@
 //! The Adam optimiser over one flat parameter vector.
 
+use crate::aligned::Aligned;
 use crate::elementwise::{self, AdamCoefficients};
 
 /// Constants of [`Adam`] other than the learning rate; double, because what matters is how far the decays are from 1.
@@ -27,8 +28,8 @@ impl Default for AdamConfig {
 pub struct Adam {
     config: AdamConfig,
     learning_rate: f32,
-    pub(crate) first_moment: Vec<f32>,
-    pub(crate) second_moment: Vec<f32>,
+    pub(crate) first_moment: Aligned,
+    pub(crate) second_moment: Aligned,
     pub(crate) n_steps: u64,
 }
 
@@ -47,8 +48,8 @@ impl Adam {
         Self {
             config,
             learning_rate,
-            first_moment: vec![0.0; n_parameters],
-            second_moment: vec![0.0; n_parameters],
+            first_moment: Aligned::zeros(n_parameters),
+            second_moment: Aligned::zeros(n_parameters),
             n_steps: 0,
         }
     }
@@ -118,7 +119,7 @@ mod tests {
         for _ in 0..1000 {
             adam.step(&mut parameters, &[0.0, 0.0, 1e-30], None);
         }
-        assert_eq!(adam.first_moment, [0.0; 3]);
+        assert_eq!(adam.first_moment[..], [0.0; 3]);
         assert!(adam.second_moment[..2].iter().all(|v| v.is_normal()), "{:?}", adam.second_moment);
         assert_eq!(adam.second_moment[2], 0.0);
         adam.step(&mut parameters, &[f32::NAN; 3], None);

@@ -4,6 +4,7 @@ use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
 use crate::adam::Follow;
+use crate::aligned::Aligned;
 use crate::config::ACTION_L2_DIMENSIONS;
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
 use crate::{
@@ -87,8 +88,8 @@ pub struct Ddpg {
 #[derive(Clone, Debug)]
 struct Scratch {
     /// Normalised observation, normalised goal and action, batch x (all three); the actor reads the front of each row.
-    input: Vec<f32>,
-    next_input: Vec<f32>,
+    input: Aligned,
+    next_input: Aligned,
     targets: Vec<f32>,
     value_gradient: Vec<f32>,
     action_gradient: Vec<f32>,
@@ -96,8 +97,8 @@ struct Scratch {
     deviations: Vec<f32>,
     actor: MlpScratch,
     critic: MlpScratch,
-    actor_gradient: Vec<f32>,
-    critic_gradient: Vec<f32>,
+    actor_gradient: Aligned,
+    critic_gradient: Aligned,
 }
 
 impl Ddpg {
@@ -131,16 +132,16 @@ impl Ddpg {
             .collect();
         let batch = config.batch_size;
         let scratch = Scratch {
-            input: vec![0.0; batch * (state + act_dim)],
-            next_input: vec![0.0; batch * (state + act_dim)],
+            input: Aligned::zeros(batch * (state + act_dim)),
+            next_input: Aligned::zeros(batch * (state + act_dim)),
             targets: vec![0.0; batch],
             value_gradient: vec![0.0; batch],
             action_gradient: vec![0.0; batch * act_dim],
             deviations: vec![0.0; 2 * act_dim],
             actor: actor.scratch(batch),
             critic: critics[0].online.scratch(batch),
-            actor_gradient: vec![0.0; actor.parameters().len()],
-            critic_gradient: vec![0.0; critics[0].online.parameters().len()],
+            actor_gradient: Aligned::zeros(actor.parameters().len()),
+            critic_gradient: Aligned::zeros(critics[0].online.parameters().len()),
         };
         Ok(Self {
             average: actor.clone(),

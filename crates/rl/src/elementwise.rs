@@ -215,16 +215,6 @@ vectorized! {
         }
     }
 
-    /// Adds the bias to each row and rectifies. A value that is not a number stays one, so that divergence shows.
-    fn bias_relu<'a>(values: &'a mut [f32], bias: &'a [f32]) -> () {
-        for row in values.chunks_exact_mut(bias.len()) {
-            for (v, b) in row.iter_mut().zip(bias) {
-                let x = *v + *b;
-                *v = if x < 0.0 { 0.0 } else { x };
-            }
-        }
-    }
-
     /// Adds the bias to each row, brings the row to mean 0 and variance 1, and rectifies. `normalized` keeps the rows before
     /// rectification and `inverse_std` one over their standard deviations, for [`norm_relu_gradient`].
     fn bias_norm_relu<'a>(
@@ -296,25 +286,6 @@ vectorized! {
         }
     }
 
-    /// Clears the gradient where the rectified activation is zero.
-    fn relu_mask<'a>(gradient: &'a mut [f32], activation: &'a [f32]) -> () {
-        for (g, a) in gradient.iter_mut().zip(activation) {
-            *g = if *a == 0.0 { 0.0 } else { *g };
-        }
-    }
-
-    /// As [`relu_mask`], and sums the masked rows into `bias_gradient` in the same pass.
-    fn relu_mask_sum<'a>(gradient: &'a mut [f32], activation: &'a [f32], bias_gradient: &'a mut [f32]) -> () {
-        bias_gradient.fill(0.0);
-        let width = bias_gradient.len();
-        for (row, act) in gradient.chunks_exact_mut(width).zip(activation.chunks_exact(width)) {
-            for ((g, a), sum) in row.iter_mut().zip(act).zip(bias_gradient.iter_mut()) {
-                *g = if *a == 0.0 { 0.0 } else { *g };
-                *sum += *g;
-            }
-        }
-    }
-
     /// Sums the rows into `bias_gradient`.
     fn row_sum<'a>(gradient: &'a [f32], bias_gradient: &'a mut [f32]) -> () {
         bias_gradient.fill(0.0);
@@ -341,14 +312,6 @@ mod tests {
         }
         assert!(worst < 4.0 * f64::from(f32::EPSILON), "error {worst}");
         assert!(tanh(f32::NAN).is_nan());
-    }
-
-    #[test]
-    fn relu_keeps_nan() {
-        let mut row = [f32::NAN, -2.0, 3.0];
-        bias_relu(&mut row, &[0.0, 1.0, 1.0]);
-        assert!(row[0].is_nan());
-        assert_eq!(row[1..], [0.0, 4.0]);
     }
 
     #[test]

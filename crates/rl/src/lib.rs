@@ -11,16 +11,20 @@
 
 mod action_cost;
 mod adam;
+mod aligned;
 mod attempt;
 mod checkpoint;
 mod config;
 mod ddpg;
 mod elementwise;
+mod epilogue;
 mod episode;
 mod error;
 mod explore;
 mod gemm;
 mod her;
+#[cfg(target_arch = "x86_64")]
+mod kernel;
 mod net;
 mod normalizer;
 mod policy;
@@ -35,7 +39,6 @@ pub use ddpg::{Ddpg, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};
 pub use error::RlError;
 pub use explore::{Coordination, Exploration, ExplorationConfig};
-pub use gemm::{Matrix, MatrixMut, gemm};
 pub use her::{Batch, GoalChoice, HerConfig, Origin, RewardFn, choose_goal, sample_batch};
 pub use net::{InputGradient, LayerShape, Mlp, MlpScratch, OutputActivation, Rows};
 pub use normalizer::{NormalizerConfig, RunningNormalizer};

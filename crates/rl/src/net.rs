@@ -2,8 +2,10 @@
 
 use rand::{Rng, RngExt};
 
+use crate::aligned::Aligned;
 use crate::elementwise;
-use crate::gemm::{Matrix, MatrixMut, gemm};
+use crate::epilogue::{BiasRelu, ReluMask, ReluMaskSum, each_row};
+use crate::gemm::{Matrix, MatrixMut, gemm, gemm_then};
 
 /// What follows the last layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,24 +64,24 @@ pub struct Mlp {
     layers: Vec<LayerShape>,
     output: OutputActivation,
     layer_norm: bool,
-    parameters: Vec<f32>,
+    parameters: Aligned,
 }
 
 /// Activations and error signals of a batch, sized once for a network and a batch size.
 #[derive(Clone, Debug)]
 pub struct MlpScratch {
     batch: usize,
-    activations: Vec<Vec<f32>>,
+    activations: Vec<Aligned>,
     /// What layer normalisation gave, for each hidden layer; empty without it.
     normalized: Vec<Normalized>,
-    delta: Vec<f32>,
-    next_delta: Vec<f32>,
+    delta: Aligned,
+    next_delta: Aligned,
 }
 
 /// Rows of mean 0 and variance 1 before rectification.
 #[derive(Clone, Debug)]
 struct Normalized {
-    values: Vec<f32>,
+    values: Aligned,
     /// One over the standard deviation that a row had.
     inverse_std: Vec<f32>,
 }
@@ -127,7 +129,7 @@ impl Mlp {
             offset = layer.bias().end;
             layers.push(layer);
         }
-        Self { layers, output, layer_norm: false, parameters: vec![0.0; offset] }
+        Self { layers, output, layer_norm: false, parameters: Aligned::zeros(offset) }
     }
 
     /// Puts layer normalisation, without a gain and a bias of its own, before the rectification of each hidden layer.
@@ -144,13 +146,13 @@ impl Mlp {
         let widest = self.layers.iter().map(|l| l.outputs).max().unwrap_or(0);
         MlpScratch {
             batch,
-            activations: self.layers.iter().map(|l| vec![0.0; batch * l.outputs]).collect(),
+            activations: self.layers.iter().map(|l| Aligned::zeros(batch * l.outputs)).collect(),
             normalized: self.layers[..if self.layer_norm { self.layers.len() - 1 } else { 0 }]
                 .iter()
-                .map(|l| Normalized { values: vec![0.0; batch * l.outputs], inverse_std: vec![0.0; batch] })
+                .map(|l| Normalized { values: Aligned::zeros(batch * l.outputs), inverse_std: vec![0.0; batch] })
                 .collect(),
-            delta: vec![0.0; batch * widest],
-            next_delta: vec![0.0; batch * widest],
+            delta: Aligned::zeros(batch * widest),
+            next_delta: Aligned::zeros(batch * widest),
         }
     }
 
@@ -199,14 +201,18 @@ impl Mlp {
             };
             let out = &mut from[0];
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
-            gemm(MatrixMut::new(out, batch, layer.outputs), input, weight.t());
             let bias = &self.parameters[layer.bias()];
+            let product = MatrixMut::new(out, batch, layer.outputs);
+            if i < last && !self.layer_norm {
+                gemm_then(product, input, weight.t(), BiasRelu { bias });
+                continue;
+            }
+            gemm(product, input, weight.t());
             match (i == last, self.output) {
-                (false, _) if self.layer_norm => {
+                (false, _) => {
                     let Normalized { values, inverse_std } = &mut scratch.normalized[i];
                     elementwise::bias_norm_relu(out, bias, values, inverse_std);
                 }
-                (false, _) => elementwise::bias_relu(out, bias),
                 (true, OutputActivation::Linear) => elementwise::bias(out, bias),
                 (true, OutputActivation::Tanh) => elementwise::bias_tanh(out, bias),
             }
@@ -257,9 +263,10 @@ impl Mlp {
             let Some(below) = i.checked_sub(1) else { break };
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
             let next = &mut next_delta[..batch * layer.inputs];
-            gemm(MatrixMut::new(next, batch, layer.inputs), d, weight);
+            let product = MatrixMut::new(next, batch, layer.inputs);
             match parameter_gradient.as_deref_mut() {
                 gradient if self.layer_norm => {
+                    gemm(product, d, weight);
                     let Normalized { values, inverse_std } = &normalized[below];
                     elementwise::norm_relu_gradient(next, values, inverse_std);
                     if let Some(gradient) = gradient {
@@ -267,9 +274,13 @@ impl Mlp {
                     }
                 }
                 Some(gradient) => {
-                    elementwise::relu_mask_sum(next, &activations[below], &mut gradient[self.layers[below].bias()]);
+                    let sum = &mut gradient[self.layers[below].bias()];
+                    sum.fill(0.0);
+                    gemm_then(product, d, weight, ReluMaskSum { activation: &activations[below], sum });
                 }
-                None => elementwise::relu_mask(next, &activations[below]),
+                None => {
+                    gemm_then(product, d, weight, ReluMask { activation: &activations[below], width: layer.inputs })
+                }
             }
             std::mem::swap(delta, next_delta);
         }
@@ -301,7 +312,7 @@ impl Mlp {
             let result = if i == last { &mut out[..layer.outputs] } else { &mut to[..layer.outputs] };
             elementwise::gemv(weight, input, result);
             match (i == last, self.output) {
-                (false, _) => elementwise::bias_relu(result, bias),
+                (false, _) => each_row(result, layer.outputs, BiasRelu { bias }),
                 (true, OutputActivation::Linear) => elementwise::bias(result, bias),
                 (true, OutputActivation::Tanh) => elementwise::bias_tanh(result, bias),
             }
