@@ -1,6 +1,8 @@
 //! The one matrix product of this crate, so that it can be swapped in one place: [`kernel`](crate::kernel)'s where the
 //! processor has AVX-512, faer's elsewhere.
 
+use std::ops::Range;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
@@ -42,6 +44,16 @@ impl<'a> Matrix<'a> {
     pub fn t(self) -> Self {
         let Self { data, rows, cols, row_stride, col_stride } = self;
         Self { data, rows: cols, cols: rows, row_stride: col_stride, col_stride: row_stride }
+    }
+
+    /// Returns the part with these rows and columns.
+    ///
+    /// # Panics
+    /// When they are not all there.
+    pub fn part(self, rows: Range<usize>, cols: Range<usize>) -> Self {
+        assert!(rows.end <= self.rows && cols.end <= self.cols, "the part is not inside the matrix");
+        let data = &self.data[rows.start * self.row_stride + cols.start * self.col_stride..];
+        Self { data, rows: rows.len(), cols: cols.len(), ..self }
     }
 
     fn view(self) -> MatRef<'a, f32> {

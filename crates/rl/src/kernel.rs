@@ -24,7 +24,7 @@ const HEIGHT: usize = 12;
 /// of the left factor that it is multiplied with.
 const DEPTH: usize = 256;
 /// The most rows of the left factor that are read again for each panel, so that they stay in the second cache.
-const ROWS: usize = 32 * HEIGHT;
+const ROWS: usize = 22 * HEIGHT;
 
 /// Part of a row of a tile or a panel.
 type Wide = [f32x16; 2];
@@ -57,8 +57,13 @@ impl<E: Epilogue> NullaryFnOnce for Product<'_, E> {
         let mut panel = Panel([[zero(); 2]; DEPTH]);
         for depth in (0..self.b.rows).step_by(DEPTH) {
             let panel = &mut panel.0[..DEPTH.min(self.b.rows - depth)];
+            let depths = depth..depth + panel.len();
+            touch(self.b.part(depths.clone(), 0..self.b.cols));
             for first in (0..self.a.rows).step_by(ROWS) {
                 let rows = first..self.a.rows.min(first + ROWS);
+                touch(self.a.part(rows.clone(), depths.clone()));
+                let out = Matrix::new(self.out, self.a.rows, self.b.cols);
+                touch(out.part(rows.clone(), 0..self.b.cols));
                 for column in (0..self.b.cols).step_by(WIDTH) {
                     self.copy(panel, depth, column);
                     self.multiply(panel, rows.clone(), depth, column);
@@ -146,6 +151,27 @@ impl<E: Epilogue> Product<'_, E> {
         }
         R
     }
+}
+
+/// Reads a value of each cache line, one line after another. The processor foresees that and fetches the lines that are
+/// in no cache of the core's own, which it does not where lines of several rows are read in turn.
+#[inline(always)]
+fn touch(matrix: Matrix<'_>) {
+    let by_rows = if matrix.col_stride == 1 { matrix } else { matrix.t() };
+    let mut sums = [0.0f32; 4];
+    for row in 0..by_rows.rows {
+        let values = &by_rows.data[row * by_rows.row_stride..][..by_rows.cols];
+        let (fours, rest) = values.as_chunks::<{ 4 * LANES }>();
+        for lines in fours {
+            for (i, sum) in sums.iter_mut().enumerate() {
+                *sum += lines[i * LANES];
+            }
+        }
+        for line in rest.chunks(LANES) {
+            sums[0] += line[0];
+        }
+    }
+    std::hint::black_box(sums);
 }
 
 #[inline(always)]
