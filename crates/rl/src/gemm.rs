@@ -56,6 +56,20 @@ impl<'a> Matrix<'a> {
         Self { data, rows: rows.len(), cols: cols.len(), ..self }
     }
 
+    /// Returns the matrix or its transpose: the one of which a row's values follow one another.
+    pub fn by_rows(self) -> Self {
+        if self.col_stride == 1 { self } else { self.t() }
+    }
+
+    /// Returns a row of a matrix of which a row's values follow one another.
+    ///
+    /// # Panics
+    /// When it is another matrix, or has no such row.
+    pub fn row(self, row: usize) -> &'a [f32] {
+        assert_eq!(self.col_stride, 1, "the values of a row do not follow one another");
+        &self.data[row * self.row_stride..][..self.cols]
+    }
+
     fn view(self) -> MatRef<'a, f32> {
         if self.col_stride == 1 {
             MatRef::from_row_major_slice_with_stride(self.data, self.rows, self.cols, self.row_stride)
@@ -107,7 +121,7 @@ fn by_kernel<E: Epilogue>(out: &mut MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>,
     let shapes = (out.rows, a.cols, out.cols);
     assert_eq!(shapes, (a.rows, b.rows, b.cols), "the shapes of a product do not fit one another");
     #[cfg(target_arch = "x86_64")]
-    if out.cols >= kernel::WIDTH
+    if out.cols >= kernel::LEAST_COLUMNS
         && a.cols > 0
         && let Some(simd) = pulp::x86::V4::try_new()
     {

@@ -47,7 +47,8 @@ pub struct LearnerSpeed {
     pub updates_with_sampling_per_s: f64,
     /// Minibatches drawn and relabelled a second.
     pub samplings_per_s: f64,
-    /// Floating-point operations of the matrix products in an update, in 1e9 a second.
+    /// Floating-point operations of the matrix products in an update, in 1e9 a second. Those with zeros are counted, whether
+    /// they are left out or not.
     pub gflops: f64,
     /// Operations of faer's product of two large matrices on the same core, in 1e9 a second.
     pub sgemm_gflops: f64,
@@ -55,7 +56,7 @@ pub struct LearnerSpeed {
     pub share_of_sgemm: f64,
     /// The most operations that the core does, in registers and without memory, in 1e9 a second.
     pub peak_gflops: f64,
-    /// The products of an update over that, median over the pieces.
+    /// The products of an update over that, median over the pieces; above 1 where enough zeros are left out.
     pub share_of_peak: f64,
     /// Other implementations, in turn with this one.
     pub peers: Vec<PeerSpeed>,
