@@ -1,5 +1,5 @@
-//! The one matrix product of this crate, so that it can be swapped in one place: [`kernel`](crate::kernel)'s where the
-//! processor has AVX-512, faer's elsewhere.
+//! The one matrix product of this crate, so that it can be swapped in one place: faer's, and [`sparse`](crate::sparse)'s
+//! where the left factor has many zeros.
 
 use std::ops::Range;
 
@@ -8,7 +8,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::epilogue::{Epilogue, Keep, each_row};
 #[cfg(target_arch = "x86_64")]
-use crate::kernel;
+use crate::sparse;
 
 /// A read-only matrix over a slice: `rows x cols`, row-major with a row stride, optionally seen transposed.
 #[derive(Clone, Copy, Debug)]
@@ -103,31 +103,26 @@ impl<'a> MatrixMut<'a> {
 /// # Panics
 /// When the shapes do not fit one another.
 pub(crate) fn gemm(mut out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>) {
-    if by_kernel(&mut out, a, b, Keep).is_err() {
+    if leaving_zeros_out(&mut out, a, b, Keep).is_err() {
         by_faer(&mut out, a, b);
     }
 }
 
 /// As [`gemm`], with something done to the values of the product as soon as they are there.
 pub(crate) fn gemm_then(mut out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>, epilogue: impl Epilogue) {
-    if let Err(epilogue) = by_kernel(&mut out, a, b, epilogue) {
+    if let Err(epilogue) = leaving_zeros_out(&mut out, a, b, epilogue) {
         by_faer(&mut out, a, b);
         each_row(out.data, out.cols, epilogue);
     }
 }
 
-/// Gives the epilogue back where the processor or the shape is not one for [`kernel`].
-fn by_kernel<E: Epilogue>(out: &mut MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> Result<(), E> {
+/// Gives the epilogue back where the product is none for [`sparse`](crate::sparse).
+fn leaving_zeros_out<E: Epilogue>(out: &mut MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> Result<(), E> {
     let shapes = (out.rows, a.cols, out.cols);
     assert_eq!(shapes, (a.rows, b.rows, b.cols), "the shapes of a product do not fit one another");
     #[cfg(target_arch = "x86_64")]
-    if out.cols >= kernel::LEAST_COLUMNS
-        && a.cols > 0
-        && let Some(simd) = pulp::x86::V4::try_new()
-    {
-        kernel::product(simd, out.data, a, b, epilogue);
-        return Ok(());
-    }
+    return sparse::product(out.data, a, b, epilogue);
+    #[cfg(not(target_arch = "x86_64"))]
     Err(epilogue)
 }
 

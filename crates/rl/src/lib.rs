@@ -23,13 +23,13 @@ mod error;
 mod explore;
 mod gemm;
 mod her;
-#[cfg(target_arch = "x86_64")]
-mod kernel;
 mod net;
 mod normalizer;
 mod policy;
 mod replay;
 pub mod rng;
+#[cfg(target_arch = "x86_64")]
+mod sparse;
 mod tensors;
 
 pub use action_cost::ActionCost;

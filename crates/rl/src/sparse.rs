@@ -1,0 +1,343 @@
+//! The matrix product where the left factor has many zeros, which are left out. Rectified activations and their gradients
+//! are zero by half or more, each row in other places, so a row of the product is summed up by itself.
+//!
+//! Columns of the right factor are copied to where they stay in the first cache, and multiplied from there. Each value of
+//! the product is one chain of fused multiplications and additions, in the order of the right factor's rows: to the last
+//! digit what faer's product gives, unless there are so many rows that it sums them up in parts. An infinite value
+//! that is multiplied with zero alone is left out, too.
+//!
+//! # Source
+//! Goto and van de Geijn 2008, *Anatomy of High-Performance Matrix Multiplication*, for the order of the loops.
+
+mod registers;
+
+use std::ops::Range;
+
+use pulp::NullaryFnOnce;
+use pulp::x86::{V3, V4};
+
+use crate::epilogue::{Epilogue, load, store};
+use crate::gemm::Matrix;
+use registers::Registers;
+
+/// The share of zeros from which on leaving them out is faster.
+const LEAST_ZEROS: f32 = 0.25;
+/// The fewest columns of a product for which the copies are worth while.
+const LEAST_COLUMNS: usize = 64;
+/// Values in a cache line.
+const LINE: usize = 16;
+
+/// Registers in a row of a panel: as many sums, so that none waits for its last addition.
+const VECTORS: usize = 8;
+/// The most rows of a panel: the bits of a mask. With registers of 512 bits a panel fills a first cache of 32 KiB.
+const DEPTH: usize = u64::BITS as usize;
+/// The most rows of the left factor that are copied at a time.
+const ROWS: usize = 256;
+
+/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten. Gives the epilogue back where another product is as fast or
+/// the processor has no AVX2: few zeros in `a`, or few columns.
+///
+/// # Panics
+/// When the shapes do not fit one another.
+pub(crate) fn product<E: Epilogue>(out: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> Result<(), E> {
+    if b.cols < LEAST_COLUMNS || share_of_zeros(a) < LEAST_ZEROS {
+        return Err(epilogue);
+    }
+    if let Some(simd) = V4::try_new() {
+        simd.run(Product { simd, out, a, b, epilogue });
+    } else if let Some(simd) = V3::try_new() {
+        simd.run(Product { simd, out, a, b, epilogue });
+    } else {
+        return Err(epilogue);
+    }
+    Ok(())
+}
+
+/// Estimates the share of a matrix's values that are zero: from one in a cache line, in some of the rows.
+fn share_of_zeros(matrix: Matrix<'_>) -> f32 {
+    let by_rows = matrix.by_rows();
+    let (mut n, mut n_zeros) = (0u32, 0u32);
+    // An odd distance, so that every column is looked at in some row.
+    for row in (0..by_rows.rows).step_by(3) {
+        for line in by_rows.row(row).chunks(LINE) {
+            n_zeros += u32::from(line[row % line.len()] == 0.0);
+            n += 1;
+        }
+    }
+    n_zeros as f32 / n.max(1) as f32
+}
+
+struct Product<'a, S, E> {
+    simd: S,
+    out: &'a mut [f32],
+    a: Matrix<'a>,
+    b: Matrix<'a>,
+    epilogue: E,
+}
+
+impl<S: Registers, E: Epilogue> NullaryFnOnce for Product<'_, S, E> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(mut self) {
+        let mut left = Left { values: [[0.0; DEPTH]; ROWS], nonzero: [0; ROWS] };
+        let mut panel = Panel([[self.simd.splat_f32s(0.0); VECTORS]; DEPTH]);
+        for first in (0..self.a.rows).step_by(ROWS) {
+            let rows = first..self.a.rows.min(first + ROWS);
+            for first in (0..self.b.rows).step_by(DEPTH) {
+                let depths = first..self.b.rows.min(first + DEPTH);
+                left.copy(self.simd, self.a.part(rows.clone(), depths.clone()));
+                for first in (0..self.b.cols).step_by(Panel::<S>::WIDTH) {
+                    let columns = first..self.b.cols.min(first + Panel::<S>::WIDTH);
+                    panel.copy(self.simd, self.b.part(depths.clone(), columns.clone()));
+                    self.multiply(&left, &panel, rows.clone(), depths.clone(), columns);
+                }
+            }
+        }
+    }
+}
+
+impl<S: Registers, E: Epilogue> Product<'_, S, E> {
+    /// Multiplies rows of the left factor with the panel.
+    #[inline(always)]
+    fn multiply(
+        &mut self,
+        left: &Left,
+        panel: &Panel<S>,
+        rows: Range<usize>,
+        depths: Range<usize>,
+        columns: Range<usize>,
+    ) {
+        let Self { simd, b, .. } = *self;
+        for ((row, values), nonzero) in rows.zip(&left.values).zip(&left.nonzero) {
+            let out = &mut self.out[row * b.cols..][columns.clone()];
+            let mut sums = [simd.splat_f32s(0.0); VECTORS];
+            if depths.start > 0 {
+                sums = load_wide(simd, out);
+            }
+            let mut left_over = *nonzero;
+            while left_over != 0 {
+                let p = left_over.trailing_zeros() as usize;
+                left_over &= left_over - 1;
+                let x = simd.splat_f32s(values[p]);
+                for (sum, b) in sums.iter_mut().zip(&panel.0[p]) {
+                    *sum = simd.mul_add_e_f32s(x, *b, *sum);
+                }
+            }
+            if depths.end == b.rows {
+                for (j, sum) in sums.iter_mut().enumerate().take(columns.len().div_ceil(S::F32_LANES)) {
+                    *sum = self.epilogue.apply(simd, row, columns.start + j * S::F32_LANES, *sum);
+                }
+            }
+            store_wide(simd, out, sums);
+        }
+    }
+}
+
+/// A part of the left factor, by rows.
+#[repr(align(64))]
+struct Left {
+    values: [[f32; DEPTH]; ROWS],
+    /// A bit for each value of a row that is not zero.
+    nonzero: [u64; ROWS],
+}
+
+impl Left {
+    #[inline(always)]
+    fn copy<S: Registers>(&mut self, simd: S, from: Matrix<'_>) {
+        if from.col_stride == 1 {
+            for (row, to) in self.values[..from.rows].iter_mut().enumerate() {
+                to[..from.cols].copy_from_slice(from.row(row));
+            }
+        } else {
+            let columns = from.t();
+            for (i, to) in self.values[..from.rows].chunks_mut(S::F32_LANES).enumerate() {
+                for first in (0..from.cols).step_by(S::F32_LANES) {
+                    let n = S::F32_LANES.min(from.cols - first);
+                    let mut square = S::ZERO_SQUARE;
+                    for (p, values) in square.as_mut()[..n].iter_mut().enumerate() {
+                        *values = load(simd, &columns.row(first + p)[i * S::F32_LANES..][..to.len()]);
+                    }
+                    for (to, values) in to.iter_mut().zip(simd.transposed(square)) {
+                        store(simd, &mut to[first..][..n], values);
+                    }
+                }
+            }
+        }
+        for (values, nonzero) in self.values[..from.rows].iter().zip(&mut self.nonzero) {
+            *nonzero = 0;
+            for (i, values) in values[..from.cols].chunks(S::F32_LANES).enumerate() {
+                *nonzero |= simd.nonzero(load(simd, values)) << (i * S::F32_LANES);
+            }
+        }
+    }
+}
+
+/// A part of the right factor, by rows; zeros stand for columns behind its last.
+#[repr(align(64))]
+struct Panel<S: Registers>([[S::f32s; VECTORS]; DEPTH]);
+
+impl<S: Registers> Panel<S> {
+    /// The most columns.
+    const WIDTH: usize = VECTORS * S::F32_LANES;
+
+    #[inline(always)]
+    fn copy(&mut self, simd: S, from: Matrix<'_>) {
+        let panel = &mut self.0[..from.rows];
+        if from.col_stride == 1 {
+            for (row, to) in panel.iter_mut().enumerate() {
+                *to = load_wide(simd, from.row(row));
+            }
+            return;
+        }
+        let columns = from.t();
+        for part in 0..VECTORS {
+            for first in (0..from.rows).step_by(S::F32_LANES) {
+                let rows = &mut panel[first..];
+                let n = rows.len().min(S::F32_LANES);
+                let mut square = S::ZERO_SQUARE;
+                for (column, values) in (part * S::F32_LANES..from.cols).zip(square.as_mut()) {
+                    *values = load(simd, &columns.row(column)[first..][..n]);
+                }
+                for (to, values) in rows.iter_mut().zip(simd.transposed(square)) {
+                    to[part] = values;
+                }
+            }
+        }
+    }
+}
+
+/// Reads registers full of values; zeros follow the last.
+// Every loop is over all registers, so that they stay registers.
+#[inline(always)]
+fn load_wide<S: Registers>(simd: S, from: &[f32]) -> [S::f32s; VECTORS] {
+    match S::as_simd_f32s(from).0.first_chunk() {
+        Some(whole) => *whole,
+        None => {
+            let mut wide = [simd.splat_f32s(0.0); VECTORS];
+            for (j, to) in wide.iter_mut().enumerate() {
+                *to = load(simd, &from[(j * S::F32_LANES).min(from.len())..]);
+            }
+            wide
+        }
+    }
+}
+
+/// Writes registers, or as much of them as there is room for.
+#[inline(always)]
+fn store_wide<S: Registers>(simd: S, to: &mut [f32], values: [S::f32s; VECTORS]) {
+    match S::as_mut_simd_f32s(to).0.first_chunk_mut() {
+        Some(whole) => *whole = values,
+        None => {
+            for (to, values) in to.chunks_mut(S::F32_LANES).zip(values) {
+                store(simd, to, values);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::epilogue::{BiasRelu, Keep, ReluMaskSum, each_row};
+
+    /// Numbers of which about `share` are zero.
+    fn numbers(n: usize, seed: u32, share: f32) -> Vec<f32> {
+        let spread = |i: u32| (i ^ seed).wrapping_mul(2_654_435_761).rotate_left(15).wrapping_mul(2_246_822_519) >> 8;
+        let unit = |i: u32| spread(i) as f32 / (1 << 24) as f32;
+        (0..n as u32).map(|i| if unit(2 * i) < share { 0.0 } else { 2.0 * unit(2 * i + 1) - 1.0 }).collect()
+    }
+
+    /// The same product, value by value.
+    fn plain(a: Matrix<'_>, b: Matrix<'_>) -> Vec<f32> {
+        let mut out = Vec::new();
+        for (i, j) in (0..a.rows).flat_map(|i| (0..b.cols).map(move |j| (i, j))) {
+            let row = a.data[i * a.row_stride..].iter().step_by(a.col_stride);
+            let column = b.data[j * b.col_stride..].iter().step_by(b.row_stride);
+            out.push(row.zip(column).take(b.rows).fold(0.0f32, |sum, (x, y)| x.mul_add(*y, sum)));
+        }
+        out
+    }
+
+    fn check<S: Registers>(simd: S, m: usize, k: usize, n: usize) {
+        let (a, b, bias) = (numbers(m * k, 1, 0.5), numbers(k * n, 2, 0.0), numbers(n, 3, 0.0));
+        for a in [Matrix::new(&a, m, k), Matrix::new(&a, k, m).t()] {
+            for b in [Matrix::new(&b, k, n), Matrix::new(&b, n, k).t()] {
+                let mut expected = plain(a, b);
+                let mut out = vec![f32::NAN; m * n];
+                simd.run(Product { simd, out: &mut out, a, b, epilogue: Keep });
+                assert_eq!(out, expected, "{m} x {k} x {n}");
+
+                let activation = numbers(m * n, 4, 0.5);
+                let (mut sum, mut expected_sum) = (vec![0.0; n], vec![0.0; n]);
+                let epilogue = ReluMaskSum { activation: &activation, sum: &mut sum };
+                simd.run(Product { simd, out: &mut out, a, b, epilogue });
+                let mut masked = expected.clone();
+                each_row(&mut masked, n, ReluMaskSum { activation: &activation, sum: &mut expected_sum });
+                assert_eq!((&out, &sum), (&masked, &expected_sum), "{m} x {k} x {n}, masked");
+
+                simd.run(Product { simd, out: &mut out, a, b, epilogue: BiasRelu { bias: &bias } });
+                each_row(&mut expected, n, BiasRelu { bias: &bias });
+                assert_eq!(out, expected, "{m} x {k} x {n}, rectified");
+            }
+        }
+    }
+
+    fn check_all<S: Registers>(simd: Option<S>, name: &str) {
+        let Some(simd) = simd else { return eprintln!("skipped: this processor has no {name}") };
+        let shapes = [1, 5, 33, 300].into_iter().flat_map(|m| [1, 7, 64, 94, 300].map(|k| (m, k)));
+        for (m, k, n) in shapes.flat_map(|(m, k)| [1, 64, 94, 200].map(|n| (m, k, n))) {
+            check(simd, m, k, n);
+        }
+        check(simd, 256, 256, 256);
+    }
+
+    #[test]
+    fn products_are_right_to_the_last_digit_with_avx2() {
+        check_all(V3::try_new(), "AVX2");
+    }
+
+    #[test]
+    fn products_are_right_to_the_last_digit_with_avx512() {
+        check_all(V4::try_new(), "AVX-512");
+    }
+
+    #[test]
+    fn products_are_made_here_where_there_are_zeros() {
+        let (few, many) = (numbers(64 * 64, 1, 0.1), numbers(64 * 64, 1, 0.5));
+        let b = Matrix::new(&few, 64, 64);
+        let mut out = vec![0.0; 64 * 64];
+        assert!(product(&mut out, Matrix::new(&few, 64, 64), b, Keep).is_err());
+        assert!(product(&mut out, Matrix::new(&many, 64, 64), b.part(0..64, 0..32), Keep).is_err());
+        assert_eq!(product(&mut out, Matrix::new(&many, 64, 64), b, Keep).is_ok(), V3::try_new().is_some());
+    }
+
+    #[test]
+    fn what_is_not_a_number_is_no_zero() {
+        let (mut a, b) = (vec![0.0; 20 * 70], numbers(70 * 128, 1, 0.0));
+        a[3 * 70 + 68] = f32::NAN;
+        let mut out = vec![0.0; 20 * 128];
+        if product(&mut out, Matrix::new(&a, 20, 70), Matrix::new(&b, 70, 128), Keep).is_err() {
+            return eprintln!("skipped: this processor has no AVX2");
+        }
+        for (row, values) in out.chunks(128).enumerate() {
+            assert!(values.iter().all(|v| v.is_nan() == (row == 3)), "row {row}");
+        }
+    }
+
+    #[test]
+    fn zeros_are_estimated() {
+        for share in [0.0f32, 0.3, 0.5, 0.9, 1.0] {
+            let values = numbers(256 * 256, 5, share);
+            for matrix in [Matrix::new(&values, 256, 256), Matrix::new(&values, 256, 256).t()] {
+                let estimate = share_of_zeros(matrix);
+                assert!((estimate - share).abs() < 0.05, "{estimate} for {share}");
+            }
+        }
+        // Units that are zero for a whole batch are columns of zeros.
+        let mut columns = numbers(256 * 256, 5, 0.0);
+        columns.iter_mut().enumerate().for_each(|(i, v)| *v = if i % 256 < 100 { 0.0 } else { *v });
+        assert!((share_of_zeros(Matrix::new(&columns, 256, 256)) - 100.0 / 256.0).abs() < 0.05);
+        assert_eq!(share_of_zeros(Matrix::new(&[], 0, 0)), 0.0);
+    }
+}
