@@ -1,4 +1,4 @@
-//! What follows a matrix product, value by value: done to each tile of it while the tile is in registers.
+//! What follows a matrix product, value by value: done to each part of it while the part is in registers.
 
 use pulp::{Arch, Simd, WithSimd};
 

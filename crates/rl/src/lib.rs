@@ -23,6 +23,7 @@ mod error;
 mod explore;
 mod gemm;
 mod her;
+mod matrix;
 mod net;
 mod normalizer;
 mod policy;

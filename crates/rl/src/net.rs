@@ -5,7 +5,8 @@ use rand::{Rng, RngExt};
 use crate::aligned::Aligned;
 use crate::elementwise;
 use crate::epilogue::{BiasRelu, ReluMask, ReluMaskSum, each_row};
-use crate::gemm::{Matrix, MatrixMut, gemm, gemm_then};
+use crate::gemm::{gemm, gemm_then};
+use crate::matrix::{Matrix, MatrixMut};
 
 /// What follows the last layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

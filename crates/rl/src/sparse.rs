@@ -17,7 +17,7 @@ use pulp::NullaryFnOnce;
 use pulp::x86::{V3, V4};
 
 use crate::epilogue::{Epilogue, load, store};
-use crate::gemm::Matrix;
+use crate::matrix::Matrix;
 use registers::Registers;
 
 /// The share of zeros from which on leaving them out is faster.
