@@ -20,10 +20,9 @@ use crate::epilogue::{Epilogue, load, store};
 use crate::matrix::Matrix;
 use registers::Registers;
 
-/// The share of zeros from which on leaving them out is faster.
-const LEAST_ZEROS: f32 = 0.25;
-/// The fewest columns of a product for which the copies are worth while.
-const LEAST_COLUMNS: usize = 64;
+/// The most multiplications, those for the columns that fill a panel up included, of all that there are without zeros: with
+/// more, leaving some out is no faster.
+const MOST_MULTIPLICATIONS: f32 = 0.75;
 /// Values in a cache line.
 const LINE: usize = 16;
 
@@ -34,26 +33,23 @@ const DEPTH: usize = u64::BITS as usize;
 /// The most rows of the left factor that are copied at a time.
 const ROWS: usize = 256;
 
-/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten. Gives the epilogue back where another product is as fast or
-/// the processor has no AVX2: few zeros in `a`, or few columns.
+/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten. Gives the epilogue back where another product is as fast,
+/// because there are few zeros in `a` or few columns in `b`, and where the processor has no AVX2.
 ///
 /// # Panics
 /// When the shapes do not fit one another.
 pub(crate) fn product<E: Epilogue>(out: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> Result<(), E> {
-    if b.cols < LEAST_COLUMNS || share_of_zeros(a) < LEAST_ZEROS {
-        return Err(epilogue);
-    }
+    let nonzero = 1.0 - share_of_zeros(a);
     if let Some(simd) = V4::try_new() {
-        simd.run(Product { simd, out, a, b, epilogue });
+        Product { simd, out, a, b, epilogue }.run(nonzero)
     } else if let Some(simd) = V3::try_new() {
-        simd.run(Product { simd, out, a, b, epilogue });
+        Product { simd, out, a, b, epilogue }.run(nonzero)
     } else {
-        return Err(epilogue);
+        Err(epilogue)
     }
-    Ok(())
 }
 
-/// Estimates the share of a matrix's values that are zero: from one in a cache line, in some of the rows.
+/// Estimates the share of a matrix's values that are zero, from one in a cache line in some of the rows; 0 of an empty one.
 fn share_of_zeros(matrix: Matrix<'_>) -> f32 {
     let by_rows = matrix.by_rows();
     let (mut n, mut n_zeros) = (0u32, 0u32);
@@ -98,6 +94,16 @@ impl<S: Registers, E: Epilogue> NullaryFnOnce for Product<'_, S, E> {
 }
 
 impl<S: Registers, E: Epilogue> Product<'_, S, E> {
+    /// Gives the epilogue back where it is not worth while with this share of the left factor.
+    fn run(self, nonzero: f32) -> Result<(), E> {
+        let n_columns = self.b.cols.next_multiple_of(Panel::<S>::WIDTH);
+        if nonzero * n_columns as f32 > MOST_MULTIPLICATIONS * self.b.cols as f32 {
+            return Err(self.epilogue);
+        }
+        self.simd.run(self);
+        Ok(())
+    }
+
     /// Multiplies rows of the left factor with the panel.
     #[inline(always)]
     fn multiply(
@@ -304,12 +310,13 @@ mod tests {
 
     #[test]
     fn products_are_made_here_where_there_are_zeros() {
-        let (few, many) = (numbers(64 * 64, 1, 0.1), numbers(64 * 64, 1, 0.5));
-        let b = Matrix::new(&few, 64, 64);
-        let mut out = vec![0.0; 64 * 64];
-        assert!(product(&mut out, Matrix::new(&few, 64, 64), b, Keep).is_err());
-        assert!(product(&mut out, Matrix::new(&many, 64, 64), b.part(0..64, 0..32), Keep).is_err());
-        assert_eq!(product(&mut out, Matrix::new(&many, 64, 64), b, Keep).is_ok(), V3::try_new().is_some());
+        let shares = [0.1, 0.5, 0.9].map(|share| numbers(128 * 128, 1, share));
+        let [few, half, most] = shares.each_ref().map(|values| Matrix::new(values, 128, 128));
+        let mut out = vec![0.0; 128 * 128];
+        let mut is_made = |a: Matrix<'_>, n| product(&mut out[..128 * n], a, few.part(0..128, 0..n), Keep).is_ok();
+        let here = V3::try_new().is_some();
+        assert_eq!([is_made(few, 128), is_made(half, 128), is_made(most, 128)], [false, here, here]);
+        assert_eq!([is_made(half, 32), is_made(most, 32), is_made(most, 1)], [false, here, false]);
     }
 
     #[test]
