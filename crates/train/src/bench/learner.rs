@@ -208,9 +208,8 @@ fn measure(
         peers: Vec::new(),
         peers_failed: Vec::new(),
     };
-    let mut bench = Bench::new(like_peers, shape)?;
     for peer in peers {
-        match compare(peer, &mut bench, shape, duration) {
+        match compare(peer, &like_peers, shape, duration) {
             Ok(compared) => speed.peers.push(compared),
             Err(error) => speed.peers_failed.push(error.to_string()),
         }
@@ -218,16 +217,17 @@ fn measure(
     Ok(speed)
 }
 
-/// Runs this implementation and another in turn.
-fn compare(peer: &Peer, bench: &mut Bench, shape: EpisodeShape, duration: Duration) -> Result<PeerSpeed, TrainError> {
+/// Runs this implementation and another in turn, each with fresh networks in every turn: the longer they have learned, the
+/// more of their activations are zero.
+fn compare(peer: &Peer, config: &DdpgConfig, shape: EpisodeShape, duration: Duration) -> Result<PeerSpeed, TrainError> {
     let each = duration.div_f64(PEER_ROUNDS as f64);
-    let (batch, seconds) = (bench.batch.len, each.as_secs_f64().ceil() as u64);
+    let (batch, seconds) = (config.batch_size, each.as_secs_f64().ceil() as u64);
     let sizes = [("batch", batch), ("obs", shape.obs_dim), ("goal", shape.goal_dim), ("act", shape.act_dim)];
     let mut options = vec![("seconds", seconds.to_string())];
     options.extend(sizes.map(|(name, size)| (name, size.to_string())));
     let mut turns = Turns::default();
     for _ in 0..PEER_ROUNDS {
-        turns.push(bench.rate(each)?, peer.updates_per_s(&options)?);
+        turns.push(Bench::new(config.clone(), shape)?.rate(each)?, peer.updates_per_s(&options)?);
     }
     Ok(turns.compare(&peer.name))
 }
