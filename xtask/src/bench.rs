@@ -162,7 +162,17 @@ fn describe_sim(found: &[SimSpeed]) -> String {
 }
 
 fn describe_learner(found: &[LearnerSpeed]) -> String {
-    let heads = ["learner, one thread", "updates/s", "with sampling", "GFLOP/s", "sgemm", "share", "peak", "share"];
+    let heads = [
+        "learner, one thread",
+        "updates/s",
+        "with sampling",
+        "two threads",
+        "GFLOP/s",
+        "sgemm",
+        "share",
+        "peak",
+        "share",
+    ];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     let mut text = String::new();
     for speed in found {
@@ -170,6 +180,7 @@ fn describe_learner(found: &[LearnerSpeed]) -> String {
             format!("batch {}, {} + {} => {}", speed.batch, speed.obs_dim, speed.goal_dim, speed.act_dim),
             format!("{:.1}", speed.updates_per_s),
             format!("{:.1}", speed.updates_with_sampling_per_s),
+            format!("{:.1}", speed.updates_on_two_threads_per_s),
             format!("{:.1}", speed.gflops),
             format!("{:.1}", speed.sgemm_gflops),
             format!("{:.2}", speed.share_of_sgemm),

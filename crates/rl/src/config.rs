@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::gemm::LEAST_ROWS;
 use crate::{NormalizerConfig, RlError};
 
 /// Number of actions of the hand for which OpenAI baselines chose the factor on their mean square.
@@ -72,6 +73,11 @@ impl Default for DdpgConfig {
 }
 
 impl DdpgConfig {
+    /// Returns the largest number of threads that can share an update.
+    pub fn most_threads(&self) -> usize {
+        (self.batch_size / LEAST_ROWS).max(1)
+    }
+
     /// Checks the ranges.
     ///
     /// # Errors

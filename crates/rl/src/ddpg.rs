@@ -171,6 +171,9 @@ impl Ddpg {
     /// Learns once from a batch: the critics towards their targets, then the actor along the first critic, then the
     /// targets. `rng` is drawn from only when `target_smoothing` is above 0.
     ///
+    /// The threads of the pool that it is called in (`rayon::ThreadPool::install`, or the global one) share the matrix
+    /// products. The result does not depend on their number.
+    ///
     /// # Panics
     /// When the batch has other sizes than the configuration and [`new`](Self::new) were given.
     pub fn update(&mut self, batch: &Batch, rng: &mut impl Rng) -> UpdateStats {

@@ -3,25 +3,25 @@
 use pulp::{Arch, Simd, WithSimd};
 
 /// Something done to a product as soon as its values are there.
-pub(crate) trait Epilogue {
+pub(crate) trait Epilogue: Copy + Send + Sync {
     /// Takes the `values` that begin at `column` of `row`, and returns what to keep. Behind the last column there may be
     /// values that nothing is kept of.
-    fn apply<S: Simd>(&mut self, simd: S, row: usize, column: usize, values: S::f32s) -> S::f32s;
+    fn apply<S: Simd>(self, simd: S, row: usize, column: usize, values: S::f32s) -> S::f32s;
 }
 
 /// Keeps the product as it is.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Keep;
 
 impl Epilogue for Keep {
     #[inline(always)]
-    fn apply<S: Simd>(&mut self, _: S, _: usize, _: usize, values: S::f32s) -> S::f32s {
+    fn apply<S: Simd>(self, _: S, _: usize, _: usize, values: S::f32s) -> S::f32s {
         values
     }
 }
 
 /// Adds a bias to each column and rectifies. A value that is not a number stays one, so that divergence shows.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct BiasRelu<'a> {
     /// As long as a row.
     pub bias: &'a [f32],
@@ -29,7 +29,7 @@ pub(crate) struct BiasRelu<'a> {
 
 impl Epilogue for BiasRelu<'_> {
     #[inline(always)]
-    fn apply<S: Simd>(&mut self, simd: S, _: usize, column: usize, values: S::f32s) -> S::f32s {
+    fn apply<S: Simd>(self, simd: S, _: usize, column: usize, values: S::f32s) -> S::f32s {
         let zero = simd.splat_f32s(0.0);
         let values = simd.add_f32s(values, load(simd, &self.bias[column..]));
         simd.select_f32s(simd.less_than_f32s(values, zero), zero, values)
@@ -37,7 +37,7 @@ impl Epilogue for BiasRelu<'_> {
 }
 
 /// Clears the gradient where the rectified activation is zero.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct ReluMask<'a> {
     /// Rows of the gradient's width.
     pub activation: &'a [f32],
@@ -47,44 +47,25 @@ pub(crate) struct ReluMask<'a> {
 
 impl Epilogue for ReluMask<'_> {
     #[inline(always)]
-    fn apply<S: Simd>(&mut self, simd: S, row: usize, column: usize, values: S::f32s) -> S::f32s {
+    fn apply<S: Simd>(self, simd: S, row: usize, column: usize, values: S::f32s) -> S::f32s {
         let activation = load(simd, &self.activation[row * self.width..][column..self.width]);
         let zero = simd.splat_f32s(0.0);
         simd.select_f32s(simd.equal_f32s(activation, zero), zero, values)
     }
 }
 
-/// As [`ReluMask`], and adds the rows to their sum.
-#[derive(Debug)]
-pub(crate) struct ReluMaskSum<'a> {
-    /// Rows of the gradient's width.
-    pub activation: &'a [f32],
-    /// As long as a row.
-    pub sum: &'a mut [f32],
-}
-
-impl Epilogue for ReluMaskSum<'_> {
-    #[inline(always)]
-    fn apply<S: Simd>(&mut self, simd: S, row: usize, column: usize, values: S::f32s) -> S::f32s {
-        let mut mask = ReluMask { activation: self.activation, width: self.sum.len() };
-        let values = mask.apply(simd, row, column, values);
-        let sum = &mut self.sum[column..];
-        store(simd, sum, simd.add_f32s(load(simd, sum), values));
-        values
-    }
-}
-
-/// Does to all of a row-major array what an epilogue would have done to the product that it is.
+/// Does to rows what an epilogue would have done to the part of a product that they are, which begins at row `first`.
 ///
 /// # Panics
 /// When `width` is 0.
-pub(crate) fn each_row(values: &mut [f32], width: usize, epilogue: impl Epilogue) {
-    Arch::new().dispatch(EachRow { values, width, epilogue });
+pub(crate) fn each_row(values: &mut [f32], width: usize, first: usize, epilogue: impl Epilogue) {
+    Arch::new().dispatch(EachRow { values, width, first, epilogue });
 }
 
 struct EachRow<'a, E> {
     values: &'a mut [f32],
     width: usize,
+    first: usize,
     epilogue: E,
 }
 
@@ -92,10 +73,10 @@ impl<E: Epilogue> WithSimd for EachRow<'_, E> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(mut self, simd: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         for (i, row) in self.values.chunks_exact_mut(self.width).enumerate() {
             for (j, part) in row.chunks_mut(S::F32_LANES).enumerate() {
-                let values = self.epilogue.apply(simd, i, j * S::F32_LANES, load(simd, part));
+                let values = self.epilogue.apply(simd, self.first + i, j * S::F32_LANES, load(simd, part));
                 store(simd, part, values);
             }
         }
@@ -127,7 +108,7 @@ mod tests {
     #[test]
     fn rectification_keeps_what_is_not_a_number() {
         let mut row = [f32::NAN, -2.0, 3.0];
-        each_row(&mut row, 3, BiasRelu { bias: &[0.0, 1.0, 1.0] });
+        each_row(&mut row, 3, 0, BiasRelu { bias: &[0.0, 1.0, 1.0] });
         assert!(row[0].is_nan());
         assert_eq!(row[1..], [0.0, 4.0]);
     }

@@ -3,49 +3,60 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, Par};
+use rayon::prelude::*;
 
 use crate::epilogue::{Epilogue, Keep, each_row};
 use crate::matrix::{Matrix, MatrixMut};
 #[cfg(target_arch = "x86_64")]
 use crate::sparse;
 
-/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten; on the calling thread.
+/// The fewest rows that are worth a thread of their own.
+pub(crate) const LEAST_ROWS: usize = 64;
+/// The fewest multiplications of a product that is divided.
+const LEAST_MULTIPLICATIONS: usize = 1 << 20;
+
+/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten. The threads of the pool divide its rows among them, which
+/// changes no digit.
 ///
 /// # Panics
 /// When the shapes do not fit one another.
-pub(crate) fn gemm(mut out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>) {
-    if leaving_zeros_out(&mut out, a, b, Keep).is_err() {
-        by_faer(&mut out, a, b);
-    }
+pub(crate) fn gemm(out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>) {
+    gemm_then(out, a, b, Keep);
 }
 
 /// As [`gemm`], with something done to the values of the product as soon as they are there.
-pub(crate) fn gemm_then(mut out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>, epilogue: impl Epilogue) {
-    if let Err(epilogue) = leaving_zeros_out(&mut out, a, b, epilogue) {
-        by_faer(&mut out, a, b);
-        each_row(out.data, out.cols, epilogue);
-    }
-}
-
-/// Gives the epilogue back where the product is none for [`sparse`](crate::sparse).
-fn leaving_zeros_out<E: Epilogue>(out: &mut MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> Result<(), E> {
-    let shapes = (out.rows, a.cols, out.cols);
+pub(crate) fn gemm_then(out: MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>, epilogue: impl Epilogue) {
+    let MatrixMut { data, rows, cols } = out;
+    let shapes = (rows, a.cols, cols);
     assert_eq!(shapes, (a.rows, b.rows, b.cols), "the shapes of a product do not fit one another");
-    #[cfg(target_arch = "x86_64")]
-    return sparse::product(out.data, a, b, epilogue);
-    #[cfg(not(target_arch = "x86_64"))]
-    Err(epilogue)
+    if rows * cols * a.cols < LEAST_MULTIPLICATIONS {
+        return part(data, 0, a, b, epilogue);
+    }
+    let each = rows.div_ceil(rayon::current_num_threads()).max(LEAST_ROWS);
+    if each >= rows {
+        return part(data, 0, a, b, epilogue);
+    }
+    data.par_chunks_mut(each * cols).enumerate().for_each(|(i, out)| {
+        let first = i * each;
+        part(out, first, a.part(first..rows.min(first + each), 0..a.cols), b, epilogue);
+    });
 }
 
-fn by_faer(out: &mut MatrixMut<'_>, a: Matrix<'_>, b: Matrix<'_>) {
-    let out = MatMut::from_row_major_slice_mut(&mut *out.data, out.rows, out.cols);
-    matmul(out, Accum::Replace, a.view(), b.view(), 1.0, Par::Seq);
+/// Computes the rows of a product from row `first` on, those of `a`.
+fn part<E: Epilogue>(out: &mut [f32], first: usize, a: Matrix<'_>, b: Matrix<'_>, epilogue: E) {
+    #[cfg(target_arch = "x86_64")]
+    if sparse::product(out, first, a, b, epilogue) {
+        return;
+    }
+    let product = MatMut::from_row_major_slice_mut(&mut *out, a.rows, b.cols);
+    matmul(product, Accum::Replace, a.view(), b.view(), 1.0, Par::Seq);
+    each_row(out, b.cols, first, epilogue);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::epilogue::{BiasRelu, ReluMaskSum};
+    use crate::epilogue::{BiasRelu, ReluMask};
 
     fn numbers(n: usize, seed: u32) -> Vec<f32> {
         let spread = |i: u32| (i + seed).wrapping_mul(2_654_435_761) >> 8;
@@ -100,17 +111,35 @@ mod tests {
             let (mut fused, mut apart) = (vec![0.0; m * n], vec![0.0; m * n]);
             gemm_then(MatrixMut::new(&mut fused, m, n), a, b, BiasRelu { bias: &bias });
             gemm(MatrixMut::new(&mut apart, m, n), a, b);
-            each_row(&mut apart, n, BiasRelu { bias: &bias });
+            each_row(&mut apart, n, 0, BiasRelu { bias: &bias });
             assert_eq!(fused, apart);
             assert!(fused.iter().any(|v| *v > 0.0) && fused.contains(&0.0));
 
             let activation = fused;
-            let (mut fused, mut sum, mut apart_sum) = (vec![0.0; m * n], vec![0.0; n], vec![0.0; n]);
-            let masked = ReluMaskSum { activation: &activation, sum: &mut sum };
-            gemm_then(MatrixMut::new(&mut fused, m, n), a, b, masked);
+            let (mut fused, mut apart) = (vec![0.0; m * n], vec![0.0; m * n]);
+            let mask = ReluMask { activation: &activation, width: n };
+            gemm_then(MatrixMut::new(&mut fused, m, n), a, b, mask);
             gemm(MatrixMut::new(&mut apart, m, n), a, b);
-            each_row(&mut apart, n, ReluMaskSum { activation: &activation, sum: &mut apart_sum });
-            assert_eq!((fused, sum), (apart, apart_sum));
+            each_row(&mut apart, n, 0, mask);
+            assert_eq!(fused, apart);
+        }
+    }
+
+    #[test]
+    fn threads_change_no_digit() {
+        let (m, k, n) = (300, 94, 200);
+        let (a, b, bias) = (numbers(m * k, 1), numbers(k * n, 7), numbers(n, 9));
+        let rectified: Vec<f32> = a.iter().map(|v| v.max(0.0)).collect();
+        for a in [&a, &rectified] {
+            let products = [1, 2, 3, 8].map(|n_threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads).build().unwrap();
+                let mut out = vec![0.0; m * n];
+                let (a, b) = (Matrix::new(a, m, k), Matrix::new(&b, k, n));
+                pool.install(|| gemm_then(MatrixMut::new(&mut out, m, n), a, b, BiasRelu { bias: &bias }));
+                out
+            });
+            assert!(products[0].iter().any(|v| *v > 0.0));
+            assert!(products.iter().all(|product| *product == products[0]));
         }
     }
 

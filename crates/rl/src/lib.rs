@@ -6,7 +6,8 @@
 //! [`Policy`]. [`RunningNormalizer`] scales what the networks see, [`rng::stream`] is the source of every random number,
 //! and [`TensorMap`] carries the learner's state to and from bytes.
 //!
-//! Everything is `f32`, runs on the calling thread, and does no IO. Matrices are row-major: one row is one sample.
+//! Everything is `f32` and does no IO. Matrices are row-major: one row is one sample. The threads of the caller's pool
+//! (rayon's) share an update, which is the same with one; everything else runs on the calling thread.
 #![forbid(unsafe_code)]
 
 mod action_cost;

@@ -4,7 +4,7 @@ use rand::{Rng, RngExt};
 
 use crate::aligned::Aligned;
 use crate::elementwise;
-use crate::epilogue::{BiasRelu, ReluMask, ReluMaskSum, each_row};
+use crate::epilogue::{BiasRelu, ReluMask, each_row};
 use crate::gemm::{gemm, gemm_then};
 use crate::matrix::{Matrix, MatrixMut};
 
@@ -265,23 +265,15 @@ impl Mlp {
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
             let next = &mut next_delta[..batch * layer.inputs];
             let product = MatrixMut::new(next, batch, layer.inputs);
-            match parameter_gradient.as_deref_mut() {
-                gradient if self.layer_norm => {
-                    gemm(product, d, weight);
-                    let Normalized { values, inverse_std } = &normalized[below];
-                    elementwise::norm_relu_gradient(next, values, inverse_std);
-                    if let Some(gradient) = gradient {
-                        elementwise::row_sum(next, &mut gradient[self.layers[below].bias()]);
-                    }
-                }
-                Some(gradient) => {
-                    let sum = &mut gradient[self.layers[below].bias()];
-                    sum.fill(0.0);
-                    gemm_then(product, d, weight, ReluMaskSum { activation: &activations[below], sum });
-                }
-                None => {
-                    gemm_then(product, d, weight, ReluMask { activation: &activations[below], width: layer.inputs })
-                }
+            if self.layer_norm {
+                gemm(product, d, weight);
+                let Normalized { values, inverse_std } = &normalized[below];
+                elementwise::norm_relu_gradient(next, values, inverse_std);
+            } else {
+                gemm_then(product, d, weight, ReluMask { activation: &activations[below], width: layer.inputs });
+            }
+            if let Some(gradient) = parameter_gradient.as_deref_mut() {
+                elementwise::row_sum(next, &mut gradient[self.layers[below].bias()]);
             }
             std::mem::swap(delta, next_delta);
         }
@@ -313,7 +305,7 @@ impl Mlp {
             let result = if i == last { &mut out[..layer.outputs] } else { &mut to[..layer.outputs] };
             elementwise::gemv(weight, input, result);
             match (i == last, self.output) {
-                (false, _) => each_row(result, layer.outputs, BiasRelu { bias }),
+                (false, _) => each_row(result, layer.outputs, 0, BiasRelu { bias }),
                 (true, OutputActivation::Linear) => elementwise::bias(result, bias),
                 (true, OutputActivation::Tanh) => elementwise::bias_tanh(result, bias),
             }

@@ -33,19 +33,20 @@ const DEPTH: usize = u64::BITS as usize;
 /// The most rows of the left factor that are copied at a time.
 const ROWS: usize = 256;
 
-/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten. Gives the epilogue back where another product is as fast,
-/// because there are few zeros in `a` or few columns in `b`, and where the processor has no AVX2.
+/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten: the rows from row `first` on of what the epilogue knows.
+/// Returns whether it was done, and does nothing where another product is as fast, because there are few zeros in `a` or few
+/// columns in `b`, or where the processor has no AVX2.
 ///
 /// # Panics
 /// When the shapes do not fit one another.
-pub(crate) fn product<E: Epilogue>(out: &mut [f32], a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> Result<(), E> {
+pub(crate) fn product<E: Epilogue>(out: &mut [f32], first: usize, a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> bool {
     let nonzero = 1.0 - share_of_zeros(a);
     if let Some(simd) = V4::try_new() {
-        Product { simd, out, a, b, epilogue }.run(nonzero)
+        Product { simd, out, first, a, b, epilogue }.run(nonzero)
     } else if let Some(simd) = V3::try_new() {
-        Product { simd, out, a, b, epilogue }.run(nonzero)
+        Product { simd, out, first, a, b, epilogue }.run(nonzero)
     } else {
-        Err(epilogue)
+        false
     }
 }
 
@@ -66,6 +67,7 @@ fn share_of_zeros(matrix: Matrix<'_>) -> f32 {
 struct Product<'a, S, E> {
     simd: S,
     out: &'a mut [f32],
+    first: usize,
     a: Matrix<'a>,
     b: Matrix<'a>,
     epilogue: E,
@@ -94,14 +96,14 @@ impl<S: Registers, E: Epilogue> NullaryFnOnce for Product<'_, S, E> {
 }
 
 impl<S: Registers, E: Epilogue> Product<'_, S, E> {
-    /// Gives the epilogue back where it is not worth while with this share of the left factor.
-    fn run(self, nonzero: f32) -> Result<(), E> {
+    /// Computes the product and returns `true` where that is worth while with this share of the left factor.
+    fn run(self, nonzero: f32) -> bool {
         let n_columns = self.b.cols.next_multiple_of(Panel::<S>::WIDTH);
         if nonzero * n_columns as f32 > MOST_MULTIPLICATIONS * self.b.cols as f32 {
-            return Err(self.epilogue);
+            return false;
         }
         self.simd.run(self);
-        Ok(())
+        true
     }
 
     /// Multiplies rows of the left factor with the panel.
@@ -132,7 +134,7 @@ impl<S: Registers, E: Epilogue> Product<'_, S, E> {
             }
             if depths.end == b.rows {
                 for (j, sum) in sums.iter_mut().enumerate().take(columns.len().div_ceil(S::F32_LANES)) {
-                    *sum = self.epilogue.apply(simd, row, columns.start + j * S::F32_LANES, *sum);
+                    *sum = self.epilogue.apply(simd, self.first + row, columns.start + j * S::F32_LANES, *sum);
                 }
             }
             store_wide(simd, out, sums);
@@ -245,7 +247,7 @@ fn store_wide<S: Registers>(simd: S, to: &mut [f32], values: [S::f32s; VECTORS])
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::epilogue::{BiasRelu, Keep, ReluMaskSum, each_row};
+    use crate::epilogue::{BiasRelu, Keep, ReluMask, each_row};
 
     /// Numbers of which about `share` are zero.
     fn numbers(n: usize, seed: u32, share: f32) -> Vec<f32> {
@@ -271,19 +273,19 @@ mod tests {
             for b in [Matrix::new(&b, k, n), Matrix::new(&b, n, k).t()] {
                 let mut expected = plain(a, b);
                 let mut out = vec![f32::NAN; m * n];
-                simd.run(Product { simd, out: &mut out, a, b, epilogue: Keep });
+                simd.run(Product { simd, out: &mut out, first: 0, a, b, epilogue: Keep });
                 assert_eq!(out, expected, "{m} x {k} x {n}");
 
-                let activation = numbers(m * n, 4, 0.5);
-                let (mut sum, mut expected_sum) = (vec![0.0; n], vec![0.0; n]);
-                let epilogue = ReluMaskSum { activation: &activation, sum: &mut sum };
-                simd.run(Product { simd, out: &mut out, a, b, epilogue });
+                let first = 3;
+                let activation = numbers((first + m) * n, 4, 0.5);
+                let epilogue = ReluMask { activation: &activation, width: n };
+                simd.run(Product { simd, out: &mut out, first, a, b, epilogue });
                 let mut masked = expected.clone();
-                each_row(&mut masked, n, ReluMaskSum { activation: &activation, sum: &mut expected_sum });
-                assert_eq!((&out, &sum), (&masked, &expected_sum), "{m} x {k} x {n}, masked");
+                each_row(&mut masked, n, first, epilogue);
+                assert_eq!(out, masked, "{m} x {k} x {n}, masked");
 
-                simd.run(Product { simd, out: &mut out, a, b, epilogue: BiasRelu { bias: &bias } });
-                each_row(&mut expected, n, BiasRelu { bias: &bias });
+                simd.run(Product { simd, out: &mut out, first, a, b, epilogue: BiasRelu { bias: &bias } });
+                each_row(&mut expected, n, first, BiasRelu { bias: &bias });
                 assert_eq!(out, expected, "{m} x {k} x {n}, rectified");
             }
         }
@@ -313,7 +315,7 @@ mod tests {
         let shares = [0.1, 0.5, 0.9].map(|share| numbers(128 * 128, 1, share));
         let [few, half, most] = shares.each_ref().map(|values| Matrix::new(values, 128, 128));
         let mut out = vec![0.0; 128 * 128];
-        let mut is_made = |a: Matrix<'_>, n| product(&mut out[..128 * n], a, few.part(0..128, 0..n), Keep).is_ok();
+        let mut is_made = |a: Matrix<'_>, n| product(&mut out[..128 * n], 0, a, few.part(0..128, 0..n), Keep);
         let here = V3::try_new().is_some();
         assert_eq!([is_made(few, 128), is_made(half, 128), is_made(most, 128)], [false, here, here]);
         assert_eq!([is_made(half, 32), is_made(most, 32), is_made(most, 1)], [false, here, false]);
@@ -324,7 +326,7 @@ mod tests {
         let (mut a, b) = (vec![0.0; 20 * 70], numbers(70 * 128, 1, 0.0));
         a[3 * 70 + 68] = f32::NAN;
         let mut out = vec![0.0; 20 * 128];
-        if product(&mut out, Matrix::new(&a, 20, 70), Matrix::new(&b, 70, 128), Keep).is_err() {
+        if !product(&mut out, 0, Matrix::new(&a, 20, 70), Matrix::new(&b, 70, 128), Keep) {
             return eprintln!("skipped: this processor has no AVX2");
         }
         for (row, values) in out.chunks(128).enumerate() {

@@ -72,7 +72,8 @@ pub struct RunConfig {
     pub episodes: u64,
     /// Names of the objects, drawn uniformly.
     pub objects: Vec<String>,
-    /// Threads that simulate; 0 means one for each core. The result does not depend on it.
+    /// Threads that simulate; 0 means one for each core. As many share each update of the learner. The result does not
+    /// depend on it.
     pub workers: usize,
     /// Whether the run directory gets event files for TensorBoard.
     pub tensorboard: bool,
@@ -462,6 +463,11 @@ impl RunConfig {
     /// Returns the number of threads that simulate.
     pub fn worker_count(&self) -> usize {
         worker_count(self.workers)
+    }
+
+    /// Returns the number of threads that share an update.
+    pub fn learner_thread_count(&self) -> usize {
+        self.worker_count().min(self.learner.most_threads())
     }
 
     /// Writes the configuration as TOML.

@@ -15,6 +15,7 @@ use eigenhand_rl::{Batch, Coordination, Ddpg, ExplorationConfig, Policy, Replay,
 use eigenhand_sim::GraspTask;
 use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_synergy::{ActuationMap, Feedback, JointInfo, PostureDatabase, PostureRecord, Synergy, Unit, newest};
+use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::checkpoint::{Checkpoints, Counters, Finalist, UpdateSums};
 use crate::command_cost::{actuation_map, command_cost};
@@ -49,6 +50,16 @@ pub fn task_of(config: &RunConfig, hand: &Hand, library: &Arc<MuJoCo>) -> Result
     )?))
 }
 
+/// Starts the threads that share the parts of an update.
+///
+/// # Errors
+/// [`TrainError::Io`] when a thread cannot start.
+pub(crate) fn learning_threads(count: usize) -> Result<ThreadPool, TrainError> {
+    ThreadPoolBuilder::new().num_threads(count).thread_name(|number| format!("learning-{number}")).build().map_err(
+        |error| TrainError::Io { what: "start a learning thread".to_owned(), source: std::io::Error::other(error) },
+    )
+}
+
 /// Returns the posture's joints as the synergy names them.
 pub(crate) fn joint_infos(task: &GraspTask) -> Vec<JointInfo> {
     task.posture_joints
@@ -73,6 +84,7 @@ pub struct Trainer {
     task: Arc<GraspTask>,
     run: RunDirectory,
     pool: WorkerPool,
+    learning: ThreadPool,
     learner: Ddpg,
     replay: Replay,
     batch: Batch,
@@ -192,6 +204,7 @@ impl Trainer {
         };
         Ok(Trainer {
             pool: WorkerPool::new(&task, config.worker_count())?,
+            learning: learning_threads(config.learner_thread_count())?,
             replay: Replay::new(config.training.replay_episodes, shape)?,
             batch: Batch::new(config.learner.batch_size, shape),
             reward: GraspReward {
@@ -367,15 +380,18 @@ impl Trainer {
             return Ok(());
         }
         self.set_learning_rates();
-        while self.counters.updates_owed >= 1.0 {
-            self.counters.updates_owed -= 1.0;
-            let mut random = rng::stream(self.config.seed, "replay", self.counters.updates);
-            sample_batch(&self.replay, &self.config.her, &mut random, &self.reward, &mut self.batch)?;
-            let stats = self.learner.update(&self.batch, &mut random);
-            self.counters.sums.add(&stats);
-            self.counters.updates += 1;
-        }
-        Ok(())
+        let Self { learning, learner, replay, batch, reward, counters, config, .. } = self;
+        learning.install(|| {
+            while counters.updates_owed >= 1.0 {
+                counters.updates_owed -= 1.0;
+                let mut random = rng::stream(config.seed, "replay", counters.updates);
+                sample_batch(replay, &config.her, &mut random, reward, batch)?;
+                let stats = learner.update(batch, &mut random);
+                counters.sums.add(&stats);
+                counters.updates += 1;
+            }
+            Ok(())
+        })
     }
 
     fn set_learning_rates(&mut self) {

@@ -10,6 +10,7 @@ mod inputs;
 mod policies;
 mod reference;
 mod streams;
+mod threads;
 
 use eigenhand_rl::{Batch, EpisodeData, EpisodeShape};
 use rand::RngExt;

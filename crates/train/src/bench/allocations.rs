@@ -27,7 +27,7 @@ const POSTURES: usize = 200;
 /// Work whose allocations are counted.
 pub type Work<'a> = &'a mut dyn FnMut();
 /// Does work, and returns the number of allocations that its thread made meanwhile.
-pub type Counter<'a> = &'a dyn Fn(Work) -> u64;
+pub type Counter<'a> = &'a (dyn Fn(Work) -> u64 + Sync);
 
 /// Allocations of the default configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -72,7 +72,7 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     // The learner's bench holds its objects; so every step succeeds, and has both penalty and cost.
     let config_of_success = RewardConfig { success_distance: f64::MAX, ..config.reward.clone() };
     let reward = GraspReward { config: config_of_success, n_joints: joints.len(), feedback };
-    let Bench { mut learner, replay, .. } = Bench::new(config.learner.clone(), shape)?;
+    let Bench { mut learner, replay, threads, .. } = Bench::new(config.learner.clone(), shape, 1)?;
     let mut batch = Batch::new(config.learner.batch_size, shape);
     let her: &HerConfig = &config.her;
     let mut number = 0;
@@ -89,8 +89,10 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     let samplings = count(&mut || (0..UPDATES).for_each(|_| sample()));
     outcome?;
     learner.set_action_cost(Some(cost));
-    learner.update(&batch, &mut random);
-    let updates = count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch, &mut random)));
+    let updates = threads.install(|| {
+        learner.update(&batch, &mut random);
+        count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch, &mut random)))
+    });
     Ok((updates as f64 / UPDATES as f64, samplings as f64 / UPDATES as f64))
 }
 

@@ -10,6 +10,7 @@ use eigenhand_sim::StepFacts;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, Par};
 use rand::RngExt;
+use rayon::ThreadPool;
 use serde::Serialize;
 
 use super::peak::peak;
@@ -17,7 +18,7 @@ use super::peers::{Peer, PeerSpeed, Turns};
 use super::{BenchSetting, median};
 use crate::TrainError;
 use crate::rollout::episode_shape;
-use crate::trainer::task_of;
+use crate::trainer::{learning_threads, task_of};
 
 /// Episodes in the replay.
 const N_EPISODES: usize = 200;
@@ -30,7 +31,7 @@ const SQUARE: usize = 1024;
 /// Turns that each of two implementations has.
 const PEER_ROUNDS: usize = 5;
 
-/// Speed of one update on one thread.
+/// Speed of one update, on one thread where nothing else is said.
 #[derive(Clone, Debug, Serialize)]
 pub struct LearnerSpeed {
     /// Numbers in an observation.
@@ -45,6 +46,8 @@ pub struct LearnerSpeed {
     pub updates_per_s: f64,
     /// Updates a second, with drawing and relabelling the minibatch.
     pub updates_with_sampling_per_s: f64,
+    /// Updates a second where two threads share each, without drawing the minibatch.
+    pub updates_on_two_threads_per_s: f64,
     /// Minibatches drawn and relabelled a second.
     pub samplings_per_s: f64,
     /// Floating-point operations of the matrix products in an update, in 1e9 a second. Those with zeros are counted, whether
@@ -80,10 +83,11 @@ pub(super) struct Bench {
     batch: Batch,
     her: HerConfig,
     random: rand_chacha::ChaCha8Rng,
+    pub threads: ThreadPool,
 }
 
 impl Bench {
-    pub fn new(config: DdpgConfig, shape: EpisodeShape) -> Result<Bench, TrainError> {
+    pub fn new(config: DdpgConfig, shape: EpisodeShape, n_threads: usize) -> Result<Bench, TrainError> {
         let mut random = rng::stream(0, "bench", 0);
         let mut replay = Replay::new(N_EPISODES, shape)?;
         for _ in 0..N_EPISODES {
@@ -101,7 +105,7 @@ impl Bench {
         for episode in replay.episodes() {
             learner.update_normalizers(&episode.observations, &episode.achieved_goals);
         }
-        Ok(Bench { learner, replay, batch, her: HerConfig::default(), random })
+        Ok(Bench { learner, replay, batch, her: HerConfig::default(), random, threads: learning_threads(n_threads)? })
     }
 
     fn sample(&mut self) -> Result<(), TrainError> {
@@ -109,7 +113,8 @@ impl Bench {
     }
 
     fn update(&mut self) {
-        self.learner.update(&self.batch, &mut self.random);
+        let Self { learner, batch, random, threads, .. } = self;
+        threads.install(|| learner.update(batch, random));
     }
 
     fn learn(&mut self, updates: u32) -> Result<(), TrainError> {
@@ -163,10 +168,13 @@ fn measure(
     let batch = config.batch_size;
     // The peers' networks have no layer normalisation.
     let like_peers = DdpgConfig { critic_layer_norm: false, ..config.clone() };
-    let mut bench = Bench::new(config, shape)?;
+    let mut bench = Bench::new(config.clone(), shape, 1)?;
+    let mut shared = Bench::new(config, shape, 2)?;
     let (a, b) = (Mat::<f32>::full(SQUARE, SQUARE, 0.5), Mat::full(SQUARE, SQUARE, 0.25));
     let mut c = Mat::zeros(SQUARE, SQUARE);
     bench.learn(1)?;
+    shared.learn(1)?;
+    let mut shared_updates = vec![];
     let (mut updates, mut samplings, mut products, mut shares) = (vec![], vec![], vec![], vec![]);
     let (mut peaks, mut shares_of_peak) = (vec![], vec![]);
     let start = Instant::now();
@@ -176,6 +184,11 @@ fn measure(
             (0..CHUNK).for_each(|_| bench.update());
             Ok(())
         })?;
+        let shared_update = timed(|| {
+            (0..CHUNK).for_each(|_| shared.update());
+            Ok(())
+        })?;
+        shared_updates.push(shared_update / f64::from(CHUNK));
         let product = timed(|| {
             matmul(&mut c, Accum::Replace, &a, &b, 1.0, Par::Seq);
             Ok(())
@@ -199,6 +212,7 @@ fn measure(
         batch,
         updates_per_s: 1.0 / update,
         updates_with_sampling_per_s: 1.0 / (update + sampling),
+        updates_on_two_threads_per_s: 1.0 / median(&mut shared_updates),
         samplings_per_s: 1.0 / sampling,
         gflops: flop / update / 1e9,
         sgemm_gflops: median(&mut products) / 1e9,
@@ -227,7 +241,7 @@ fn compare(peer: &Peer, config: &DdpgConfig, shape: EpisodeShape, duration: Dura
     options.extend(sizes.map(|(name, size)| (name, size.to_string())));
     let mut turns = Turns::default();
     for _ in 0..PEER_ROUNDS {
-        turns.push(Bench::new(config.clone(), shape)?.rate(each)?, peer.updates_per_s(&options)?);
+        turns.push(Bench::new(config.clone(), shape, 1)?.rate(each)?, peer.updates_per_s(&options)?);
     }
     Ok(turns.compare(&peer.name))
 }
