@@ -4,6 +4,9 @@ use pulp::{Arch, Simd, WithSimd};
 
 /// Something done to a product as soon as its values are there.
 pub(crate) trait Epilogue: Copy + Send + Sync {
+    /// Whether it changes values.
+    const CHANGES: bool = true;
+
     /// Takes the `values` that begin at `column` of `row`, and returns what to keep. Behind the last column there may be
     /// values that nothing is kept of.
     fn apply<S: Simd>(self, simd: S, row: usize, column: usize, values: S::f32s) -> S::f32s;
@@ -14,6 +17,8 @@ pub(crate) trait Epilogue: Copy + Send + Sync {
 pub(crate) struct Keep;
 
 impl Epilogue for Keep {
+    const CHANGES: bool = false;
+
     #[inline(always)]
     fn apply<S: Simd>(self, _: S, _: usize, _: usize, values: S::f32s) -> S::f32s {
         values

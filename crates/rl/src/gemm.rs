@@ -50,7 +50,9 @@ fn part<E: Epilogue>(out: &mut [f32], first: usize, a: Matrix<'_>, b: Matrix<'_>
     }
     let product = MatMut::from_row_major_slice_mut(&mut *out, a.rows, b.cols);
     matmul(product, Accum::Replace, a.view(), b.view(), 1.0, Par::Seq);
-    each_row(out, b.cols, first, epilogue);
+    if E::CHANGES {
+        each_row(out, b.cols, first, epilogue);
+    }
 }
 
 #[cfg(test)]
