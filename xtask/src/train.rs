@@ -60,7 +60,7 @@ pub struct Args {
         conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out"]
     )]
     resume: Option<PathBuf>,
-    /// Threads that simulate; 0 means one for each core. The result does not depend on it
+    /// Threads that simulate, and that share the updates; 0 means one for each core. The result does not depend on it
     #[arg(long, value_name = "N")]
     workers: Option<usize>,
     /// Event files for TensorBoard in the run directory, or none [default: true]
