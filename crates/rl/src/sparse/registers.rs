@@ -1,4 +1,4 @@
-//! What the kernels ask of vector registers beside arithmetic.
+//! What the product asks of vector registers beside arithmetic.
 
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, Simd, cast, f32x8, f32x16};
