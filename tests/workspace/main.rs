@@ -3,13 +3,13 @@
 // A helper function of a test fails the test, which is what a panic means here.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod contract;
 mod docs;
 mod edges;
 mod gripper;
 mod new_hand;
 mod python;
 mod report;
-#[cfg(unix)]
 mod reproduce;
 mod reward;
 mod simulation;

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use eigenhand_sim::survey::Hints;
-use eigenhand_sim::trial::best_place;
+use eigenhand_onboard::survey::Hints;
+use eigenhand_onboard::trial::best_place;
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Hand, ImportOptions, NewHand, NewHandReport, TrainError, check_hand, new_hand};
 use tempfile::TempDir;

@@ -4,8 +4,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
+use eigenhand_mujoco::{Model, WarningCounts};
 use eigenhand_rl::rng;
-use eigenhand_sim::ffi::{Model, WarningCounts};
 use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, Object, Shape};
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};

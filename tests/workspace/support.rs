@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use eigenhand_hands::{Hand, Registry, SearchPath};
+use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::{Policy, Tensor, TensorMap};
 use eigenhand_sim::GraspTask;
-use eigenhand_sim::ffi::MuJoCo;
 use eigenhand_train::config::{Layers, Preset, RunConfig};
 use eigenhand_train::{
     Behaviour, EpisodeJob, Progress, Provenance, RunDirectory, Silent, Status, Summary, TrainError, Trainer, task_of,

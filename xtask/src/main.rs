@@ -1,28 +1,22 @@
-//! The command line: parses, dispatches to the libraries, and prints.
+//! The developers' command line: every command of `eigenhand`, and beside them tests, set-up and generated code.
 // The doc comments of arguments are what --help prints, with placeholders in angle brackets.
 #![allow(rustdoc::invalid_html_tags)]
 #![forbid(unsafe_code)]
 
-mod bench;
-mod checks;
-mod doctor;
-mod eval;
-mod export;
-mod hands;
-mod output;
-mod report;
-mod reproduce;
+mod bindings;
+mod cargo;
+mod ci;
+mod python;
+mod same_digits;
 mod setup;
-mod train;
+mod test;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use crate::output::Outcome;
-
-/// Exit status of a wrong command line, as clap has it too.
-const USAGE: u8 = 2;
+/// How a person starts this program.
+const NAME: &str = "cargo xtask";
 
 #[derive(Parser)]
 #[command(
@@ -40,65 +34,45 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
-    Train(Box<train::Args>),
-    Eval(eval::Args),
-    Reproduce(Box<reproduce::Args>),
-    Report(report::Args),
-    Export(export::Args),
-    Hands(hands::Args),
-    Bench(bench::Args),
-    Test(checks::TestArgs),
-    Ci(checks::CiArgs),
-    Doctor(doctor::Args),
+    #[command(flatten)]
+    User(eigenhand_cli::Command),
+    Test(test::Args),
+    Ci(ci::Args),
+    Setup(setup::Args),
+    Bindings(bindings::Args),
+    SameDigits(same_digits::Args),
+}
+
+fn command() -> clap::Command {
+    eigenhand_cli::speak_as(NAME, Cli::command())
 }
 
 fn main() -> ExitCode {
-    let outcome = match Cli::parse().command {
-        Command::Train(args) => train::run(&args),
-        Command::Eval(args) => eval::run(&args),
-        Command::Reproduce(args) => reproduce::run(&args),
-        Command::Report(args) => report::run(&args),
-        Command::Export(args) => export::run(&args),
-        Command::Hands(args) => hands::run(&args),
-        Command::Bench(args) => bench::run(&args),
-        Command::Test(args) => checks::test(&args),
-        Command::Ci(args) => checks::ci(&args),
-        Command::Doctor(args) => doctor::run(&args),
+    let cli = match Cli::from_arg_matches(&command().get_matches()) {
+        Ok(cli) => cli,
+        Err(error) => error.exit(),
     };
-    match outcome {
-        Ok(Outcome::Done) => ExitCode::SUCCESS,
-        Ok(Outcome::Failed) => ExitCode::FAILURE,
-        Ok(Outcome::Interrupted) => ExitCode::from(train::INTERRUPTED),
-        Err(error) => {
-            output::report(&error);
-            if output::is_usage(&error) { ExitCode::from(USAGE) } else { ExitCode::FAILURE }
-        }
-    }
+    eigenhand_cli::exit(match cli.command {
+        Command::User(command) => command.run(),
+        Command::Test(args) => test::run(&args),
+        Command::Ci(args) => ci::run(&args),
+        Command::Setup(args) => setup::run(&args),
+        Command::Bindings(args) => bindings::run(&args),
+        Command::SameDigits(args) => same_digits::run(&args),
+    })
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     #[test]
     fn the_arguments_are_consistent() {
-        Cli::command().debug_assert();
+        command().debug_assert();
     }
 
     #[test]
     fn every_command_shows_an_example() {
-        fn visit(command: &clap::Command, path: &str) {
-            let path = format!("{path} {}", command.get_name());
-            if command.has_subcommands() {
-                command.get_subcommands().for_each(|inner| visit(inner, &path));
-            } else {
-                let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
-                let last = help.lines().last().unwrap_or_default();
-                assert!(last.trim_start().starts_with("cargo xtask "), "{path}: its help ends with {last:?}");
-            }
-        }
-        Cli::command().get_subcommands().for_each(|command| visit(command, ""));
+        eigenhand_cli::check_examples(&command(), NAME);
     }
 }

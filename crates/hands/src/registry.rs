@@ -25,6 +25,8 @@ struct Place {
     directory: PathBuf,
     origin: String,
     must_exist: bool,
+    /// Whether a hand here gives way to one of its name elsewhere.
+    gives_way: bool,
 }
 
 impl SearchPath {
@@ -51,7 +53,14 @@ impl SearchPath {
 
     /// Adds a directory of plugins, or one plugin's own directory; `origin` says who named it, for errors.
     pub fn push(&mut self, directory: impl Into<PathBuf>, origin: &str) {
-        self.places.push(Place { directory: directory.into(), origin: origin.to_owned(), must_exist: true });
+        let (directory, origin) = (directory.into(), origin.to_owned());
+        self.places.push(Place { directory, origin, must_exist: true, gives_way: false });
+    }
+
+    /// Adds a directory of hands that come with the program: each gives way to a hand of its name that is found elsewhere.
+    pub fn fall_back_on(&mut self, directory: impl Into<PathBuf>) {
+        let (directory, origin) = (directory.into(), "the program".to_owned());
+        self.places.push(Place { directory, origin, must_exist: true, gives_way: true });
     }
 
     /// Lists the directories in order.
@@ -68,7 +77,7 @@ impl SearchPath {
                 .map(|d| d.join(PLUGINS_FOLDER))
         };
         let directory = if here.is_dir() { here } else { above().unwrap_or(here) };
-        self.places.push(Place { directory, origin: "the workspace".to_owned(), must_exist: false });
+        self.places.push(Place { directory, origin: "the workspace".to_owned(), must_exist: false, gives_way: false });
     }
 }
 
@@ -118,9 +127,14 @@ impl Registry {
             registry.searched.push(place.directory.clone());
             for directory in plugin_directories(&place.directory)? {
                 let canonical = directory.canonicalize().map_err(HandError::io(&directory))?;
-                if !seen.contains(&canonical) {
-                    seen.push(canonical);
-                    registry.entries.push(read_entry(directory));
+                if seen.contains(&canonical) {
+                    continue;
+                }
+                seen.push(canonical);
+                let entry = read_entry(directory);
+                let is_taken = registry.entries.iter().any(|known| known.name == entry.name);
+                if !(place.gives_way && is_taken) {
+                    registry.entries.push(entry);
                 }
             }
         }

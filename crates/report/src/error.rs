@@ -2,16 +2,20 @@
 
 use std::path::PathBuf;
 
+use eigenhand_files::FileError;
 use eigenhand_train::TrainError;
 
 /// Errors of reading runs and of writing a report on them.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// A file of a run is missing or damaged, or a file of the report cannot be written.
+    /// A file of a run is missing or damaged.
     #[error(transparent)]
     Train(#[from] TrainError),
+    /// A file of the report cannot be written.
+    #[error(transparent)]
+    File(#[from] FileError),
     /// A directory is neither a run nor holds runs.
-    #[error("{} is no run directory and holds none: name the directory that `cargo xtask train` wrote, or one that holds such directories", path.display())]
+    #[error("{} is not a run directory and holds none: name a directory that `train` wrote, or one that holds such directories", path.display())]
     NoRuns {
         /// The directory.
         path: PathBuf,
@@ -56,7 +60,10 @@ impl ReportError {
         match self {
             ReportError::Train(error) => error.is_usage(),
             ReportError::MixedHands { .. } | ReportError::OutExists { .. } => true,
-            ReportError::NoRuns { .. } | ReportError::NothingYet { .. } | ReportError::Draw { .. } => false,
+            ReportError::File(_)
+            | ReportError::NoRuns { .. }
+            | ReportError::NothingYet { .. }
+            | ReportError::Draw { .. } => false,
         }
     }
 

@@ -7,15 +7,17 @@ mod curves;
 mod error;
 mod figures;
 mod page;
+mod records;
 mod run;
 mod statements;
 mod stats;
 mod tables;
 mod write;
 
-pub use analysis::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
 pub use curves::{Band, BandPoint};
 pub use error::ReportError;
+pub use records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
 pub use run::{Run, read_runs};
+pub use statements::counted;
 pub use stats::{Bootstrap, Contrast, Estimate, interquartile_mean, median, quantile};
 pub use write::{Report, write};

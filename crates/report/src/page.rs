@@ -1,10 +1,10 @@
 //! The page: one file with everything in it.
 
-use eigenhand_train::Settings;
+use eigenhand_train::config::Settings;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::analysis::{Analysis, DifferenceRecord, LEVELS, Quantity, RunRecord};
 use crate::figures::Figure;
+use crate::records::{Analysis, DifferenceRecord, LEVELS, Quantity, RunRecord};
 use crate::run::Run;
 use crate::statements::differing_settings;
 use crate::stats::{Estimate, FEWEST, RESAMPLES};

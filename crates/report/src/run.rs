@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError, newest};
-use eigenhand_train::config::ConfigError;
+use eigenhand_train::config::{ConfigError, Settings};
 use eigenhand_train::{
-    DATABASE, MetricsTable, Provenance, Settings, Summary, TrainError, is_run, read_provenance, read_settings,
+    DATABASE, MetricsRow, Provenance, Summary, TrainError, is_run, read_metrics, read_provenance, read_settings,
     reproduce,
 };
 
@@ -35,7 +35,7 @@ pub struct Run {
     /// What it reached, once it has ended or was interrupted.
     pub summary: Option<Summary>,
     /// Its evaluations during training.
-    pub metrics: MetricsTable,
+    pub metrics: Vec<MetricsRow>,
     /// Approximation error of every posture that its synergy is of, ascending.
     pub errors: Vec<f64>,
 }
@@ -50,7 +50,7 @@ impl Run {
         let episodes = setting(path, &settings, "episodes")?;
         let components = setting(path, &settings, "synergy.components")?;
         let summary = Summary::read(path)?;
-        let metrics = MetricsTable::read(path)?;
+        let metrics = read_metrics(path)?;
         let complete = summary.as_ref().is_some_and(Summary::is_complete);
         if complete && metrics.is_empty() && episodes >= setting::<u64>(path, &settings, "evaluation.every")? {
             return Err(ReportError::Train(TrainError::Damaged {
@@ -83,10 +83,14 @@ impl Run {
         self.summary.as_ref().filter(|summary| summary.is_complete())
     }
 
-    /// Returns a column of the evaluations during training against another, such as the success rate against the
+    /// Returns a number of the evaluations during training against another, such as the success rate against the
     /// episodes, where both exist.
-    pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
-        self.metrics.column(x).into_iter().zip(self.metrics.column(y)).filter_map(|(x, y)| x.zip(y)).collect()
+    pub fn curve(
+        &self,
+        x: impl Fn(&MetricsRow) -> Option<f64>,
+        y: impl Fn(&MetricsRow) -> Option<f64>,
+    ) -> Vec<(f64, f64)> {
+        self.metrics.iter().filter_map(|row| x(row).zip(y(row))).collect()
     }
 }
 

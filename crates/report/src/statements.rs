@@ -2,16 +2,15 @@
 
 use std::collections::BTreeMap;
 
-use eigenhand_train::differences;
+use eigenhand_train::config::differences;
+use eigenhand_train::reproduce::VARIED;
 
-use crate::analysis::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
+use crate::records::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
 use crate::run::Run;
 use crate::stats::FEWEST;
 
 /// Runs below which an interval is said to rest on few.
 const FEW: usize = 10;
-/// Settings that runs of one report differ in by design.
-const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
 
 /// How a quantity is written.
 struct Words {
@@ -148,9 +147,9 @@ fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
 pub fn notes(runs: &[Run]) -> Vec<String> {
     let mut notes = Vec::new();
     for run in runs.iter().filter(|run| run.result().is_none()) {
-        let done = run.metrics.column("episode").last().copied().flatten().unwrap_or(0.0);
+        let done = run.metrics.last().map_or(0, |row| row.episode);
         notes.push(format!(
-            "{} is not finished ({done:.0} of {} episodes at its last evaluation): its curves are shown, and it is in no \
+            "{} is not finished ({done} of {} episodes at its last evaluation): its curves are shown, and it is in no \
              table of results.",
             run.name, run.episodes
         ));
@@ -200,8 +199,11 @@ pub fn differing_settings(runs: &[Run]) -> BTreeMap<String, Vec<String>> {
         .collect()
 }
 
-fn counted(n: usize, what: &str) -> String {
-    if n == 1 { format!("{n} {what}") } else { format!("{n} {what}s") }
+/// `1 run`, or `2 runs`.
+pub fn counted(n: impl std::fmt::Display, what: &str) -> String {
+    let n = n.to_string();
+    let plural = if n == "1" { "" } else { "s" };
+    format!("{n} {what}{plural}")
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The CSV files of a report: a row for each run, and one for each quantity of each lambda.
 
 use crate::ReportError;
-use crate::analysis::{Analysis, LEVELS, RunRecord};
+use crate::records::{Analysis, LEVELS, RunRecord};
 use crate::stats::Estimate;
 
 /// Name of the file with one row for each run.

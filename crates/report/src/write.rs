@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use eigenhand_train::TrainError;
-use eigenhand_train::files::{create_directory, write_atomically};
+use eigenhand_files::{cannot, create_directory, write_atomically};
 
-use crate::analysis::Analysis;
+use crate::analysis::analyse;
 use crate::figures::{self, render_png};
+use crate::records::Analysis;
 use crate::run::Run;
 use crate::{ReportError, page, tables};
 
@@ -36,10 +36,10 @@ pub struct Report {
 /// Everything is computed and drawn before the first file is written.
 ///
 /// # Errors
-/// [`ReportError::OutExists`] for any other directory, [`ReportError::Draw`], [`ReportError::Train`].
+/// [`ReportError::OutExists`] for any other directory, [`ReportError::Draw`], [`ReportError::File`].
 pub fn write(runs: &[Run], out: &Path) -> Result<Report, ReportError> {
     check_out(out)?;
-    let analysis = Analysis::of(runs);
+    let analysis = analyse(runs);
     let figures = figures::all(runs, &analysis)?;
     let mut files: BTreeMap<PathBuf, Vec<u8>> = BTreeMap::new();
     for figure in &figures {
@@ -73,16 +73,12 @@ fn check_out(out: &Path) -> Result<(), ReportError> {
 
 /// Removes the figures of an earlier report that this one does not have.
 fn remove_stale(directory: &Path, files: &BTreeMap<PathBuf, Vec<u8>>) -> Result<(), ReportError> {
-    let failed = |what: &str, path: &Path| {
-        let what = format!("{what} {}", path.display());
-        move |source| ReportError::Train(TrainError::Io { what, source })
-    };
-    for entry in directory.read_dir().map_err(failed("read", directory))? {
-        let path = entry.map_err(failed("read", directory))?.path();
+    for entry in directory.read_dir().map_err(cannot("read", directory))? {
+        let path = entry.map_err(cannot("read", directory))?.path();
         let extension = path.extension().and_then(|extension| extension.to_str());
         let figure = extension.is_some_and(|extension| EXTENSIONS.contains(&extension));
         if figure && !files.contains_key(&path) {
-            std::fs::remove_file(&path).map_err(failed("remove", &path))?;
+            std::fs::remove_file(&path).map_err(cannot("remove", &path))?;
         }
     }
     Ok(())

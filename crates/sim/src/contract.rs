@@ -2,8 +2,6 @@
 //!
 //! Nothing here names a hand, a joint or a count: everything is read from the hand and from its compiled scenes.
 
-mod pictures;
-
 use std::sync::Arc;
 
 use eigenhand_hands::{FrameKind, Hand, Transmission};
@@ -11,12 +9,8 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::ffi::{Data, GeomId, Model, MuJoCo};
-use crate::{
-    EpisodeSetup, GraspEnv, GraspTask, Object, ObjectScene, PhysicsConfig, RewardConfig, SimError, TaskConfig,
-};
-
-pub use pictures::pictures;
+use crate::{GraspEnv, GraspTask, Object, ObjectScene, Setting, SimError};
+use eigenhand_mujoco::{Data, GeomId, Model, MuJoCo};
 
 /// Random episodes with each object.
 const EPISODES_PER_OBJECT: usize = 3;
@@ -30,8 +24,6 @@ const NOISE_TIME: f64 = 1.0;
 const LEAST_MOVEMENT: f64 = 0.1;
 /// Range in rad or m that a joint without limits is taken to have.
 const UNLIMITED_RANGE: f64 = 1.0;
-/// How far in m from its place the object is put where it must not be in the way.
-const AWAY: f64 = 0.8;
 /// An entry that varies by less than this (m, rad, or a second of them) is constant.
 const LEAST_VARIATION: f32 = 1e-6;
 /// Entry of the observation that is constant where there is one object.
@@ -40,19 +32,6 @@ const OBJECT_ID: &str = "object:id";
 const COMPILES: &str = "compiles";
 /// Seed of the random episodes; the contract gives one answer for one hand.
 const SEED: u64 = 20;
-
-/// The task under which a hand is checked.
-#[derive(Clone, Debug)]
-pub struct Setting {
-    /// Names of the objects.
-    pub objects: Vec<String>,
-    /// Settings of an episode.
-    pub task: TaskConfig,
-    /// Settings of the simulation.
-    pub physics: PhysicsConfig,
-    /// Constants of success.
-    pub reward: RewardConfig,
-}
 
 /// One condition and whether it holds.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -95,16 +74,14 @@ type Finding = Result<String, String>;
 pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractReport {
     let mut report =
         ContractReport { hand: hand.manifest.name.clone(), digest: hand.digest.clone(), checks: Vec::new() };
-    let Setting { objects, task, physics, reward } = setting;
-    let compiled = GraspTask::new(library, hand, objects, task.clone(), physics.clone(), reward.clone());
-    let task = match compiled {
+    let task = match GraspTask::new(library, hand, setting) {
         Ok(task) => Arc::new(task),
         Err(error) => {
             report.add(COMPILES, Err(with_sources(&error)));
             return report;
         }
     };
-    report.add(COMPILES, Ok(format!("with {}", objects.join(", "))));
+    report.add(COMPILES, Ok(format!("with {}", setting.objects.join(", "))));
     report.add("scenes load", scenes_load(&task, library));
     report.add("names resolve", names_resolve(hand, &task));
     report.add("open posture is free", open_posture_is_free(&task));
@@ -132,9 +109,9 @@ impl ContractReport {
     }
 }
 
-fn with_sources(error: &SimError) -> String {
+fn with_sources(error: &dyn std::error::Error) -> String {
     let mut text = error.to_string();
-    let mut source = std::error::Error::source(error);
+    let mut source = error.source();
     while let Some(cause) = source {
         text.push_str(&format!(": {cause}"));
         source = cause.source();
@@ -193,7 +170,7 @@ fn open_posture_is_free(task: &Arc<GraspTask>) -> Finding {
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     for (index, scene) in task.scenes.iter().enumerate() {
         for _ in 0..EPISODES_PER_OBJECT {
-            env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random)
+            env.reset(index, &mut random)
                 .map_err(|error| format!("{}: {}", scene.object.name, with_sources(&error)))?;
             let at = &scene.addresses;
             let touching = env.simulation().contacts().find(|c| c.geoms.iter().any(|geom| at.is_hand[geom.index()]));
@@ -225,19 +202,6 @@ fn describe(geom: GeomId, scene: &ObjectScene) -> String {
     }
 }
 
-/// A simulation of the open hand, the slide up and the object out of the way.
-fn open_hand(task: &GraspTask, scene: &ObjectScene) -> Result<Data, SimError> {
-    let at = &scene.addresses;
-    let mut data = scene.data()?;
-    data.qpos_mut().copy_from_slice(&at.start_qpos);
-    data.qpos_mut()[at.slide_qpos] = task.slide_top;
-    data.qpos_mut()[at.object_qpos] += AWAY;
-    data.ctrl_mut().copy_from_slice(&task.start_ctrl);
-    data.ctrl_mut()[at.slide_ctrl] = task.slide_top;
-    data.forward();
-    Ok(data)
-}
-
 fn actuators_move(hand: &Hand, task: &GraspTask) -> Finding {
     let scene = &task.scenes[0];
     let steps = (DRIVE_TIME / task.physics.timestep).ceil() as usize;
@@ -261,7 +225,7 @@ fn actuators_move(hand: &Hand, task: &GraspTask) -> Finding {
         let (low, high) = task.control_ranges[index];
         let mut ends = Vec::new();
         for command in [low, high] {
-            let mut data = open_hand(task, scene).map_err(|error| with_sources(&error))?;
+            let mut data = task.open_hand(scene).map_err(|error| with_sources(&error))?;
             data.ctrl_mut()[index] = command;
             (0..steps).for_each(|_| data.step());
             if !data.warnings().is_clear() {
@@ -304,7 +268,7 @@ fn noise_is_quiet(task: &Arc<GraspTask>) -> Finding {
     let mut action = vec![0.0; task.action_len()];
     for (index, scene) in task.scenes.iter().enumerate() {
         let at = |error: SimError| format!("with the {}: {}", scene.object.name, with_sources(&error));
-        env.reset(EpisodeSetup { scene: index, goal_height: task.config.goal_height }, &mut random).map_err(at)?;
+        env.reset(index, &mut random).map_err(at)?;
         for _ in 0..steps {
             action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
             env.step(&action).map_err(at)?;
@@ -324,7 +288,7 @@ fn is_deterministic(task: &Arc<GraspTask>) -> Finding {
         let mut seen = Vec::new();
         let mut observation = vec![0.0; task.observation_len()];
         let mut action = vec![0.0; task.action_len()];
-        env.reset(EpisodeSetup { scene: task.scenes.len() - 1, goal_height: task.config.goal_height }, &mut random)?;
+        env.reset(task.scenes.len() - 1, &mut random)?;
         for _ in 0..task.config.steps {
             action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
             env.step(&action)?;
@@ -377,7 +341,7 @@ fn explore(hand: &Hand, task: &Arc<GraspTask>) -> Result<Exploration, SimError> 
     let mut action = vec![0.0; task.action_len()];
     for (scene, _) in task.scenes.iter().enumerate() {
         for _ in 0..EPISODES_PER_OBJECT {
-            env.reset(EpisodeSetup { scene, goal_height: task.config.goal_height }, &mut random)?;
+            env.reset(scene, &mut random)?;
             found.episodes += 1;
             let mut touched = false;
             for step in 0..task.config.steps {

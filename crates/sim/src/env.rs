@@ -6,21 +6,12 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
 
 use crate::SimError;
-use crate::ffi::{Data, WarningCounts};
 use crate::reward::StepFacts;
 use crate::task::{Addresses, GraspTask, Orientation};
+use eigenhand_mujoco::{Data, WarningCounts};
 
 /// Height in m from which an object is dropped, so that it does not start inside the plane.
 const DROP: f64 = 0.001;
-
-/// What distinguishes one episode from another, besides its random numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct EpisodeSetup {
-    /// Index into [`GraspTask::scenes`].
-    pub scene: usize,
-    /// Lowest and highest goal above the resting object, in m.
-    pub goal_height: [f64; 2],
-}
 
 /// One simulation of every scene of a task, and the episode that is running in one of them.
 pub struct GraspEnv {
@@ -38,7 +29,7 @@ impl GraspEnv {
     /// Allocates the simulations.
     ///
     /// # Errors
-    /// [`SimError::OutOfMemory`].
+    /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
     pub fn new(task: &Arc<GraspTask>) -> Result<GraspEnv, SimError> {
         let simulations = task.scenes.iter().map(|scene| scene.data()).collect::<Result<_, _>>()?;
         let resting = task.scenes.iter().map(|scene| scene.resting_data()).collect::<Result<_, _>>()?;
@@ -64,26 +55,28 @@ impl GraspEnv {
     }
 
     /// Returns the simulations of all scenes, each in the state of the last episode with its object.
-    pub(crate) fn simulations(&self) -> &[Data] {
+    pub fn simulations(&self) -> &[Data] {
         &self.simulations
     }
 
-    /// Starts an episode: an object in a random pose comes to rest on the plane before there is a hand,
-    /// is put back to its drawn place, and the open hand stands at the slide's start.
+    /// Starts an episode in the scene of this index in [`GraspTask::scenes`].
+    ///
+    /// The object is dropped in a random pose and comes to rest on the plane before the hand is there. Then it is put
+    /// back to its drawn place, and the open hand stands at the slide's start.
     ///
     /// # Errors
     /// [`SimError::Diverged`] when the simulation does not survive the drop.
-    pub fn reset<R: Rng + ?Sized>(&mut self, setup: EpisodeSetup, rng: &mut R) -> Result<(), SimError> {
+    pub fn reset<R: Rng + ?Sized>(&mut self, index: usize, rng: &mut R) -> Result<(), SimError> {
         let task = Arc::clone(&self.task);
-        let scene = &task.scenes[setup.scene];
-        self.current = setup.scene;
+        let scene = &task.scenes[index];
+        self.current = index;
         self.step = 0;
         let at = &scene.addresses;
 
         let range = task.config.object_range;
         let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
         let orientation = draw_orientation(task.config.orientation, rng);
-        let resting = &mut self.resting[setup.scene];
+        let resting = &mut self.resting[index];
         resting.reset();
         let height = scene.object.shape.depth_below_centre(&orientation) + DROP;
         let q = orientation.quaternion();
@@ -101,7 +94,7 @@ impl GraspEnv {
         if rest[3] < 0.0 {
             rest[3..7].iter_mut().for_each(|q| *q = -*q);
         }
-        let data = &mut self.simulations[setup.scene];
+        let data = &mut self.simulations[index];
         data.reset();
         data.qpos_mut().copy_from_slice(&at.start_qpos);
         data.ctrl_mut().copy_from_slice(&task.start_ctrl);
@@ -110,15 +103,15 @@ impl GraspEnv {
         object[..2].copy_from_slice(&place);
         data.forward();
 
-        let [low, high] = setup.goal_height;
+        let [low, high] = task.config.goal_height;
         let lift = if high > low { rng.random_range(low..=high) } else { low };
         self.desired_goal = [place[0] as f32, place[1] as f32, (rest[2] + lift) as f32];
-        self.facts = read_facts(&self.simulations[setup.scene], at);
+        self.facts = read_facts(&self.simulations[index], at);
         Ok(())
     }
 
     /// Moves the object, which lies on the plane, along x and y.
-    pub(crate) fn shift_object(&mut self, by: [f64; 2]) {
+    pub fn shift_object(&mut self, by: [f64; 2]) {
         let at = &self.task.scenes[self.current].addresses;
         let data = &mut self.simulations[self.current];
         let place = &mut data.qpos_mut()[at.object_qpos..at.object_qpos + 2];

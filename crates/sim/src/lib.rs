@@ -1,22 +1,18 @@
-//! MuJoCo, scenes of a hand with an object, and the grasp task as an environment.
-#![deny(unsafe_code)]
+//! Scenes of a hand with an object, the grasp task as an environment, and the contract that every hand keeps in it.
+#![forbid(unsafe_code)]
 
 pub mod contract;
 mod env;
 mod error;
-pub mod ffi;
 mod objects;
 mod physics;
-pub mod render;
 mod reward;
 pub mod scene;
-pub mod survey;
 mod task;
-pub mod trial;
 
-pub use env::{EpisodeSetup, GraspEnv};
+pub use env::GraspEnv;
 pub use error::SimError;
 pub use objects::{Object, Shape};
 pub use physics::{Cone, PhysicsConfig};
-pub use reward::{RewardConfig, StepFacts};
-pub use task::{GraspTask, ObjectScene, ObservationEntry, Orientation, TaskConfig};
+pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};
+pub use task::{GraspTask, ObjectScene, ObservationEntry, Orientation, Setting, TaskConfig};

@@ -18,17 +18,17 @@ pub enum Cone {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhysicsConfig {
-    /// Integration step in s. Default 0.004; paper preset 0.002.
+    /// Integration step in s.
     pub timestep: f64,
-    /// Integration steps a control step. Default 10; paper preset 20.
+    /// Integration steps a control step.
     pub substeps: usize,
-    /// Friction cone. Default elliptic; paper preset pyramidal.
+    /// Friction cone.
     pub cone: Cone,
-    /// Ratio of frictional to normal constraint impedance. Default 10; paper preset 1.
+    /// Ratio of frictional to normal constraint impedance.
     pub impratio: f64,
-    /// Iterations of the solver that removes slip afterwards. Default 3; paper preset 0.
+    /// Iterations of the solver that removes slip afterwards.
     pub noslip_iterations: usize,
-    /// Largest number of iterations of the constraint solver. Default 20.
+    /// Largest number of iterations of the constraint solver.
     pub solver_iterations: usize,
     /// Sliding (no unit), torsional (m) and rolling (m) friction of the object.
     pub object_friction: [f64; 3],

@@ -31,17 +31,18 @@ impl StepFacts {
     }
 }
 
-/// Constants of success and reward.
+/// Settings of success.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RewardConfig {
-    /// Largest distance in m between object and goal at a success. Default 0.05 (baselines' and the authors' code).
+    /// Largest distance in m between object and goal at a success (OpenAI baselines' and the authors' code).
     pub success_distance: f64,
-    /// Reward of a step that succeeds, before the penalty. Default 0.
-    pub success: f64,
-    /// Reward of a step that fails. Default -1.
-    pub failure: f64,
 }
+
+/// Reward of a step that succeeds, before the penalty (the authors' code).
+pub const SUCCESS: f32 = 0.0;
+/// Reward of a step that fails (the authors' code). The learner clips value targets for rewards between the two.
+pub const FAILURE: f32 = -1.0;
 
 impl RewardConfig {
     /// Checks every setting.
@@ -54,13 +55,6 @@ impl RewardConfig {
                 name: "reward.success_distance",
                 expected: "a positive number of metres",
                 got: self.success_distance.to_string(),
-            });
-        }
-        if !(self.success > self.failure && self.success <= 0.0 && self.failure.is_finite()) {
-            return Err(SimError::Setting {
-                name: "reward.success",
-                expected: "a number above reward.failure and at most 0 (value targets are clipped there)",
-                got: self.success.to_string(),
             });
         }
         Ok(())
@@ -80,19 +74,15 @@ impl RewardConfig {
     /// (achieved goal, desired goal, facts, penalty) => reward.
     ///
     /// # Source
-    /// Paper, section 2.2: a failure earns `failure`, a success `success` less the penalty.
+    /// Paper, section 2.2: a failure earns [`FAILURE`], a success [`SUCCESS`] less the penalty.
     pub fn reward(
         &self,
         achieved_goal: &[f32],
         desired_goal: &[f32],
         facts: StepFacts,
-        penalty: impl FnOnce() -> f64,
+        penalty: impl FnOnce() -> f32,
     ) -> f32 {
-        if self.succeeds(achieved_goal, desired_goal, facts) {
-            (self.success - penalty()) as f32
-        } else {
-            self.failure as f32
-        }
+        if self.succeeds(achieved_goal, desired_goal, facts) { SUCCESS - penalty() } else { FAILURE }
     }
 }
 
@@ -100,7 +90,7 @@ impl RewardConfig {
 mod tests {
     use super::*;
 
-    const REWARD: RewardConfig = RewardConfig { success_distance: 0.05, success: 0.0, failure: -1.0 };
+    const REWARD: RewardConfig = RewardConfig { success_distance: 0.05 };
     const HELD: StepFacts = StepFacts { touches_hand: true, touches_plane: false, penetration: 0.0 };
 
     #[test]

@@ -7,11 +7,11 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::SimError;
-use crate::ffi::{BodyId, Data, GeomId, Model, MuJoCo};
 use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
+use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
 
 /// How an object is turned before it is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -27,21 +27,19 @@ pub enum Orientation {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskConfig {
-    /// Control steps an episode. Default 100 (paper, section 3.1).
+    /// Control steps of an episode (paper, section 3.1).
     pub steps: usize,
-    /// Number of last steps that must all succeed for the episode to succeed. Default 5 (the authors' code).
+    /// Number of last steps that must all succeed for the episode to succeed (the authors' code).
     pub final_steps: usize,
-    /// Height of the goal above the resting object in evaluation, in m. Default 0.10 to 0.20.
+    /// Lowest and highest goal above the resting object, in m.
     pub goal_height: [f64; 2],
-    /// Height of the goal above the resting object in training, in m.
-    pub training_goal_height: [f64; 2],
-    /// Half width in m of the square in which the object is put, around the point below the hand. Default 0.02.
+    /// Half width in m of the square in which the object is put, around the point below the hand.
     pub object_range: f64,
-    /// How the object is turned before it is dropped. Default any.
+    /// How the object is turned before it is dropped.
     pub orientation: Orientation,
-    /// Time in s that a dropped object has to come to rest. Default 0.4.
+    /// Time in s that a dropped object has to come to rest.
     pub settle_time: f64,
-    /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`]. Default true.
+    /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`].
     pub observe_shape: bool,
 }
 
@@ -57,12 +55,6 @@ impl TaskConfig {
         let heights = "two heights in m, the lower first, from 0 to 1";
         let ordered = |h: [f64; 2]| 0.0 <= h[0] && h[0] <= h[1] && h[1] <= 1.0;
         check("task.goal_height", ordered(self.goal_height), heights, format!("{:?}", self.goal_height))?;
-        check(
-            "task.training_goal_height",
-            ordered(self.training_goal_height),
-            heights,
-            format!("{:?}", self.training_goal_height),
-        )?;
         check(
             "task.steps",
             (2..=10_000).contains(&self.steps),
@@ -88,6 +80,19 @@ impl TaskConfig {
             self.settle_time.to_string(),
         )
     }
+}
+
+/// Everything that determines a grasp task, besides its hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Setting {
+    /// Names of the objects.
+    pub objects: Vec<String>,
+    /// Settings of an episode.
+    pub task: TaskConfig,
+    /// Settings of the simulation.
+    pub physics: PhysicsConfig,
+    /// Settings of success.
+    pub reward: RewardConfig,
 }
 
 /// One entry of the observation.
@@ -156,7 +161,7 @@ pub struct GraspTask {
     pub config: TaskConfig,
     /// Settings of the simulation.
     pub physics: PhysicsConfig,
-    /// Constants of success.
+    /// Settings of success.
     pub reward: RewardConfig,
     /// The objects, in the order they were asked for.
     pub scenes: Vec<ObjectScene>,
@@ -170,6 +175,9 @@ pub struct GraspTask {
     pub(crate) start_ctrl: Vec<f64>,
     pub(crate) slide_top: f64,
 }
+
+/// How far in m from its place the object is put where it must not be in the way.
+const AWAY: f64 = 0.8;
 
 /// Numbers that describe the object in an observation: pose 7, velocity 6, id 1.
 const OBJECT_ENTRIES: [(&str, &str); 14] = [
@@ -197,19 +205,13 @@ impl GraspTask {
     /// Number of values of a goal: the object's position.
     pub const GOAL_LEN: usize = 3;
 
-    /// Compiles the scenes of `hand` with each of the named objects.
+    /// Compiles the scenes of `hand` with each object of the setting.
     ///
     /// # Errors
     /// Settings out of range, an unknown object, a model that MuJoCo refuses, a hand whose actuators
     /// have no control range.
-    pub fn new(
-        library: &Arc<MuJoCo>,
-        hand: &Hand,
-        objects: &[String],
-        config: TaskConfig,
-        physics: PhysicsConfig,
-        reward: RewardConfig,
-    ) -> Result<GraspTask, SimError> {
+    pub fn new(library: &Arc<MuJoCo>, hand: &Hand, setting: &Setting) -> Result<GraspTask, SimError> {
+        let Setting { objects, task: config, physics, reward } = setting.clone();
         config.validate()?;
         physics.validate()?;
         reward.validate()?;
@@ -295,6 +297,11 @@ impl GraspTask {
         joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(shape).collect()
     }
 
+    /// Returns the position of the slide's actuator in an action.
+    pub fn slide_action(&self) -> usize {
+        self.scenes.first().map_or(0, |scene| scene.addresses.slide_ctrl)
+    }
+
     /// Returns the controls at which every episode starts.
     pub fn start_controls(&self) -> &[f64] {
         &self.start_ctrl
@@ -306,6 +313,22 @@ impl GraspTask {
             if high > low { (2.0 * (ctrl - low) / (high - low) - 1.0) as f32 } else { 0.0 }
         };
         self.start_ctrl.iter().zip(&self.control_ranges).map(action).collect()
+    }
+
+    /// Returns a simulation of the open hand in a scene, with the slide at its top and the object out of the way.
+    ///
+    /// # Errors
+    /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
+    pub fn open_hand(&self, scene: &ObjectScene) -> Result<Data, SimError> {
+        let at = &scene.addresses;
+        let mut data = scene.data()?;
+        data.qpos_mut().copy_from_slice(&at.start_qpos);
+        data.qpos_mut()[at.slide_qpos] = self.slide_top;
+        data.qpos_mut()[at.object_qpos] += AWAY;
+        data.ctrl_mut().copy_from_slice(&self.start_ctrl);
+        data.ctrl_mut()[at.slide_ctrl] = self.slide_top;
+        data.forward();
+        Ok(data)
     }
 
     /// (action in [-1, 1]) => controls, each mapped onto its actuator's range.
@@ -360,20 +383,30 @@ impl Addresses {
 }
 
 impl ObjectScene {
+    /// Returns the object's geom.
+    pub fn object_geom(&self) -> GeomId {
+        self.addresses.object
+    }
+
+    /// Tells for every geom of the model whether it belongs to the hand.
+    pub fn is_hand(&self) -> &[bool] {
+        &self.addresses.is_hand
+    }
+
     /// Allocates a simulation of this scene.
     ///
     /// # Errors
-    /// [`SimError::OutOfMemory`].
+    /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
     pub fn data(&self) -> Result<Data, SimError> {
-        Data::new(&self.model)
+        Ok(Data::new(&self.model)?)
     }
 
     /// Allocates a simulation of the object alone on the plane; its `qpos` and `qvel` are the object's pose and velocity.
     ///
     /// # Errors
-    /// [`SimError::OutOfMemory`].
+    /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
     pub(crate) fn resting_data(&self) -> Result<Data, SimError> {
-        Data::new(&self.resting)
+        Ok(Data::new(&self.resting)?)
     }
 
     /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: the symmetric matrix whose principal axes are those of

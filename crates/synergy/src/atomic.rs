@@ -5,18 +5,21 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use crate::SynergyError;
-use crate::export::is_export_file;
 
-/// Replaces the directory `dir` by one that holds `files`.
+/// Replaces the directory `dir` by one that holds `files`; `may_go` tells by its name whether an entry may be removed.
 ///
 /// # Errors
-/// A directory at `dir` with an entry that no export writes, or a failure of the file system; `dir` is then as it was.
-pub(crate) fn replace_directory(dir: &Path, files: &[(&str, Vec<u8>)]) -> Result<(), SynergyError> {
+/// A directory at `dir` with any other entry, or a failure of the file system; `dir` is then as it was.
+pub(crate) fn replace_directory(
+    dir: &Path,
+    files: &[(&str, Vec<u8>)],
+    may_go: fn(&str) -> bool,
+) -> Result<(), SynergyError> {
     // A symbolic link stays one: what it points at is replaced.
     let target = fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned());
     let exists = fs::symlink_metadata(&target).is_ok();
     if exists {
-        check_replaceable(&target)?;
+        check_replaceable(&target, may_go)?;
     }
     let parent = match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -46,10 +49,10 @@ pub(crate) fn replace_directory(dir: &Path, files: &[(&str, Vec<u8>)]) -> Result
     sync_directory(parent)
 }
 
-fn check_replaceable(dir: &Path) -> Result<(), SynergyError> {
+fn check_replaceable(dir: &Path, may_go: fn(&str) -> bool) -> Result<(), SynergyError> {
     for entry in fs::read_dir(dir).map_err(SynergyError::io("list", dir))? {
         let name = entry.map_err(SynergyError::io("list", dir))?.file_name();
-        if !name.to_str().is_some_and(is_export_file) {
+        if !name.to_str().is_some_and(may_go) {
             return Err(SynergyError::NotAnExport { path: dir.to_owned(), found: name.to_string_lossy().into_owned() });
         }
     }
@@ -65,14 +68,8 @@ fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), SynergyError> {
     inner().map_err(SynergyError::io("write", path))
 }
 
-#[cfg(unix)]
 fn sync_directory(dir: &Path) -> Result<(), SynergyError> {
     File::open(dir).and_then(|dir| dir.sync_all()).map_err(SynergyError::io("sync", dir))
-}
-
-#[cfg(not(unix))]
-fn sync_directory(_dir: &Path) -> Result<(), SynergyError> {
-    Ok(())
 }
 
 /// A directory beside the target, removed with its content when dropped.

@@ -60,16 +60,6 @@ pub enum SynergyError {
     /// Postures that do not vary, where a share of their variance was asked for.
     #[error("the postures do not vary, so no share of their variance can be given; pass postures that differ")]
     NoVariance,
-    /// A penalty that is not usable.
-    #[error("penalty: {name} is {got}; expected {expected}")]
-    Penalty {
-        /// The setting.
-        name: &'static str,
-        /// What it may be.
-        expected: String,
-        /// What it is.
-        got: f64,
-    },
     /// A number, a length or a relation in a synergy that is not as it must be.
     #[error("bad synergy: {name}: expected {expected}, got {got}")]
     Invalid {
@@ -131,6 +121,7 @@ pub enum SynergyError {
         reason: String,
     },
     /// SQLite refused.
+    #[cfg(feature = "database")]
     #[error("SQLite: {0}")]
     Sqlite(#[from] rusqlite::Error),
     /// An export would replace a directory that holds something else.

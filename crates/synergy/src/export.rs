@@ -55,7 +55,7 @@ pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, postur
     }
     let mut values = postures.iter().flat_map(|posture| posture.as_ref().iter().copied());
     files.push((POSTURES, encode(POSTURES, &[postures.len(), n_joints], &mut values)?));
-    atomic::replace_directory(dir, &files)
+    atomic::replace_directory(dir, &files, is_export_file)
 }
 
 /// Reads a directory that [`export`] wrote.
@@ -113,6 +113,6 @@ fn check_count(n_postures: usize, synergy: &Synergy) -> Result<(), SynergyError>
 }
 
 /// Tells whether an export writes a file of this name.
-pub(crate) fn is_export_file(name: &str) -> bool {
+fn is_export_file(name: &str) -> bool {
     name == TOML || name == POSTURES || ARRAYS.iter().any(|(array, _)| *array == name)
 }

@@ -1,9 +1,8 @@
-//! Postural synergies: the database of successful postures, the principal component analysis of it, what feeds it
-//! back into learning (a penalty on the reward, the commands that the components can give), and the files a controller
-//! takes home.
+//! Postural synergies: the principal component analysis of postures, the commands that its components can give, the
+//! comparison of two such spaces, and the files that a controller takes home.
 //!
-//! The crate knows nothing of learning, simulation or any particular hand: a posture is a row of numbers, one for each
-//! named joint.
+//! A posture is a row of numbers, one for each named joint. The crate knows nothing of learning, simulation or any
+//! particular hand. The feature `database` (on by default) adds [`PostureDatabase`], which keeps postures in SQLite.
 //!
 //! ```
 //! use eigenhand_synergy::{JointInfo, Synergy, Unit};
@@ -30,6 +29,7 @@ mod actuation;
 mod atomic;
 mod command;
 mod compare;
+#[cfg(feature = "database")]
 mod database;
 mod error;
 mod export;
@@ -37,16 +37,15 @@ mod file;
 mod joint;
 mod npy;
 mod pca;
-mod penalty;
 mod projector;
 
 pub use actuation::ActuationMap;
 pub use command::CommandSpace;
 pub use compare::{cumulative_explained_variance, principal_angles};
+#[cfg(feature = "database")]
 pub use database::{PostureDatabase, PostureRecord};
 pub use error::SynergyError;
 pub use export::{Import, export, import};
 pub use file::{SCHEMA, SynergyFile};
 pub use joint::{JointInfo, Unit};
 pub use pca::{Synergy, newest};
-pub use penalty::{Feedback, PenaltyConfig, PenaltyForm};

@@ -271,21 +271,13 @@ impl Synergy {
         self.residual(posture).iter().map(|r| r * r).sum::<f64>().sqrt()
     }
 
-    /// Returns the same error of a single-precision posture, without an allocation: what a reward calls.
+    /// Returns the same error of a single-precision posture, without an allocation, for code that calls it millions of times.
     ///
     /// # Panics
     /// When `posture` has not one number for each joint.
     pub fn error_f32(&self, posture: &[f32]) -> f32 {
-        self.error_and_deviation_f32(posture).0
-    }
-
-    /// Returns that error and the posture's distance from the mean.
-    ///
-    /// # Panics
-    /// When `posture` has not one number for each joint.
-    pub fn error_and_deviation_f32(&self, posture: &[f32]) -> (f32, f32) {
         self.assert_length(posture.len());
-        self.projector.error_and_deviation(posture)
+        self.projector.error(posture)
     }
 
     /// Returns the mean of [`Synergy::error`] over `postures`; 0 when there is none.

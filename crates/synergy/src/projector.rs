@@ -1,4 +1,4 @@
-//! The approximation error, arranged for speed: what a reward calls millions of times.
+//! The approximation error, arranged for millions of calls.
 
 /// Components that one pass over the joints accumulates side by side.
 const LANES: usize = 8;
@@ -35,14 +35,13 @@ impl Projector {
         Projector { mean: mean.to_vec(), blocks }
     }
 
-    /// (posture: n) => (e, |d|)
-    pub(crate) fn error_and_deviation(&self, posture: &[f32]) -> (f32, f32) {
-        let mut squared = 0.0;
+    /// (posture: n) => e
+    pub(crate) fn error(&self, posture: &[f32]) -> f32 {
+        let mut residual = 0.0;
         for (&q, &mean) in posture.iter().zip(&self.mean) {
             let deviation = f64::from(q) - mean;
-            squared += deviation * deviation;
+            residual += deviation * deviation;
         }
-        let mut residual = squared;
         for block in &self.blocks {
             let mut coefficients = [0.0; LANES];
             for ((&q, &mean), loadings) in posture.iter().zip(&self.mean).zip(block) {
@@ -53,6 +52,6 @@ impl Projector {
             }
             residual -= coefficients.iter().map(|z| z * z).sum::<f64>();
         }
-        (residual.max(0.0).sqrt() as f32, squared.sqrt() as f32)
+        residual.max(0.0).sqrt() as f32
     }
 }

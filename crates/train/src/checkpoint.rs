@@ -5,18 +5,17 @@
 //! under a temporary name and renamed. Random streams need no state: they are functions of the seed and of the
 //! counters in the record.
 
-use std::collections::VecDeque;
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use eigenhand_rl::{EpisodeData, NormalizerConfig, Policy, TensorMap, UpdateStats};
-use eigenhand_sim::ffi::WarningCounts;
+use eigenhand_files::{cannot, create_directory, sha256, write_atomically};
+use eigenhand_rl::{EpisodeData, NormalizerConfig, Policy, TensorMap};
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
-use crate::error::io_error;
-use crate::files::{create_directory, sha256, write_atomically};
+use crate::counters::Counters;
+use crate::error::TrainError;
+use crate::finalists::Finalist;
 
 const DIRECTORY: &str = "checkpoints";
 const REPLAY: &str = "replay.bin";
@@ -27,79 +26,6 @@ const DIGEST: &str = "digest = ";
 const PREFIX: &str = "episode-";
 const SCHEMA: u32 = 1;
 
-/// Counters of a run, as a checkpoint records them.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Counters {
-    /// Training episodes simulated, those that diverged included.
-    pub episodes: u64,
-    /// Control steps simulated in training.
-    pub env_steps: u64,
-    /// Minibatches learned from.
-    pub updates: u64,
-    /// Updates that are owed to the episodes so far, a fraction of one.
-    pub updates_owed: f64,
-    /// Training episodes that diverged.
-    pub diverged: u64,
-    /// Steps with a full contact or constraint buffer, or a bad inertia, in training.
-    pub buffer_warnings: u64,
-    /// Postures in the database.
-    pub postures: u64,
-    /// Seconds of wall time so far.
-    pub wall_s: f64,
-    /// Success rate of the last evaluation.
-    pub last_evaluation: Option<f64>,
-    /// Control steps at which an object was held off the plane in each of the last training episodes, oldest first.
-    pub held_steps: VecDeque<u64>,
-    /// Whether the last noise-free training episodes succeeded, oldest first.
-    pub recent: VecDeque<bool>,
-    /// Updates since the last evaluation.
-    pub sums: UpdateSums,
-}
-
-/// Sums over the updates since the last evaluation, of which `metrics.csv` has the means.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct UpdateSums {
-    /// Number of updates.
-    pub count: u64,
-    /// Losses of the first critic.
-    pub critic_loss: f64,
-    /// Losses of the actor; 0 for an update that left the actor alone.
-    pub actor_loss: f64,
-    /// Mean values of the batches' actions.
-    pub q: f64,
-    /// Mean targets.
-    pub target: f64,
-    /// Shares of the targets that were clipped.
-    #[serde(default)]
-    pub clipped: f64,
-}
-
-impl UpdateSums {
-    /// Adds one update.
-    pub fn add(&mut self, stats: &UpdateStats) {
-        self.count += 1;
-        self.critic_loss += f64::from(stats.critic_loss);
-        self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
-        self.q += f64::from(stats.q_mean);
-        self.target += f64::from(stats.target_mean);
-        self.clipped += f64::from(stats.clipped_share);
-    }
-}
-
-impl Counters {
-    /// Mean of `held_steps`; 0 before the first episode.
-    pub fn mean_held_steps(&self) -> f64 {
-        self.held_steps.iter().sum::<u64>() as f64 / self.held_steps.len().max(1) as f64
-    }
-
-    /// Adds an episode's warnings.
-    pub fn count_warnings(&mut self, warnings: WarningCounts) {
-        self.buffer_warnings += warnings.contacts_full + warnings.constraints_full + warnings.inertia;
-    }
-}
-
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CheckpointRecord {
@@ -109,17 +35,6 @@ struct CheckpointRecord {
     learner_sha256: String,
     #[serde(default)]
     finalists: Vec<FinalistRecord>,
-}
-
-/// A policy whose evaluation was among the best.
-#[derive(Clone, Debug)]
-pub struct Finalist {
-    /// Success rate of its evaluation.
-    pub success_rate: f64,
-    /// Training episodes before it.
-    pub episode: u64,
-    /// The policy.
-    pub policy: Policy,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -158,12 +73,12 @@ impl Checkpoints {
     /// Starts the checkpoints of a new run.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
+    /// [`TrainError::File`].
     pub fn create(run: &Path, kept: usize) -> Result<Checkpoints, TrainError> {
         let directory = run.join(DIRECTORY);
         create_directory(&directory)?;
         let path = directory.join(REPLAY);
-        let replay = File::create(&path).map_err(io_error("write", &path))?;
+        let replay = File::create(&path).map_err(cannot("write", &path))?;
         Ok(Checkpoints { directory, replay, replay_bytes: 0, kept })
     }
 
@@ -193,10 +108,10 @@ impl Checkpoints {
             finalists.push(Finalist { success_rate, episode, policy });
         }
         let path = directory.join(REPLAY);
-        let mut replay = OpenOptions::new().read(true).write(true).open(&path).map_err(io_error("open", &path))?;
+        let mut replay = OpenOptions::new().read(true).write(true).open(&path).map_err(cannot("open", &path))?;
         let episodes = read_replay(&mut replay, &path, record.replay_bytes)?;
-        replay.set_len(record.replay_bytes).map_err(io_error("truncate", &path))?;
-        replay.seek(SeekFrom::End(0)).map_err(io_error("write", &path))?;
+        replay.set_len(record.replay_bytes).map_err(cannot("truncate", &path))?;
+        replay.seek(SeekFrom::End(0)).map_err(cannot("write", &path))?;
         let checkpoints = Checkpoints { directory, replay, replay_bytes: record.replay_bytes, kept };
         Ok((checkpoints, Restored { counters: record.counters, learner, finalists, episodes }))
     }
@@ -204,11 +119,11 @@ impl Checkpoints {
     /// Appends an episode to the replay's log; it counts from the next checkpoint on.
     ///
     /// # Errors
-    /// [`TrainError::Io`], [`TrainError::Rl`].
+    /// [`TrainError::File`], [`TrainError::Rl`].
     pub fn append(&mut self, episode: &EpisodeData) -> Result<(), TrainError> {
         let bytes = episode.to_bytes()?;
         let path = self.directory.join(REPLAY);
-        self.replay.write_all(&bytes).map_err(io_error("write", &path))?;
+        self.replay.write_all(&bytes).map_err(cannot("write", &path))?;
         self.replay_bytes += bytes.len() as u64;
         Ok(())
     }
@@ -216,10 +131,10 @@ impl Checkpoints {
     /// Writes a checkpoint and removes those that are too old.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
+    /// [`TrainError::File`].
     pub fn save(&mut self, counters: &Counters, learner: &TensorMap, finalists: &[Finalist]) -> Result<(), TrainError> {
         let replay_path = self.directory.join(REPLAY);
-        self.replay.sync_data().map_err(io_error("write", &replay_path))?;
+        self.replay.sync_data().map_err(cannot("write", &replay_path))?;
         let learner = learner.save_bytes()?;
         let mut policies = Vec::with_capacity(finalists.len());
         for finalist in finalists {
@@ -242,7 +157,7 @@ impl Checkpoints {
         let name = format!("{PREFIX}{:08}", counters.episodes);
         let (partial, path) = (self.directory.join(format!(".{name}.partial")), self.directory.join(&name));
         if partial.exists() {
-            fs::remove_dir_all(&partial).map_err(io_error("remove", &partial))?;
+            fs::remove_dir_all(&partial).map_err(cannot("remove", &partial))?;
         }
         create_directory(&partial)?;
         write_atomically(&partial.join(LEARNER), &learner)?;
@@ -254,12 +169,12 @@ impl Checkpoints {
         let digest = sha256(record.as_bytes());
         write_atomically(&partial.join(RECORD), format!("{DIGEST}\"{digest}\"\n{record}").as_bytes())?;
         if path.exists() {
-            fs::remove_dir_all(&path).map_err(io_error("replace", &path))?;
+            fs::remove_dir_all(&path).map_err(cannot("replace", &path))?;
         }
-        fs::rename(&partial, &path).map_err(io_error("write", &path))?;
+        fs::rename(&partial, &path).map_err(cannot("write", &path))?;
         let existing = list(&self.directory)?;
         for (_, old) in existing.iter().take(existing.len().saturating_sub(self.kept)) {
-            fs::remove_dir_all(old).map_err(io_error("remove", old))?;
+            fs::remove_dir_all(old).map_err(cannot("remove", old))?;
         }
         Ok(())
     }
@@ -268,7 +183,7 @@ impl Checkpoints {
 /// Returns the episode of the newest checkpoint in a run directory.
 ///
 /// # Errors
-/// [`TrainError::Io`].
+/// [`TrainError::File`].
 pub fn newest(run: &Path) -> Result<Option<u64>, TrainError> {
     Ok(list(&run.join(DIRECTORY))?.last().map(|(episode, _)| *episode))
 }
@@ -277,8 +192,8 @@ pub fn newest(run: &Path) -> Result<Option<u64>, TrainError> {
 fn list(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
     let mut found = Vec::new();
     if directory.is_dir() {
-        for entry in fs::read_dir(directory).map_err(io_error("read", directory))? {
-            let path = entry.map_err(io_error("read", directory))?.path();
+        for entry in fs::read_dir(directory).map_err(cannot("read", directory))? {
+            let path = entry.map_err(cannot("read", directory))?.path();
             let number = path
                 .file_name()
                 .and_then(|name| name.to_str())
@@ -342,7 +257,7 @@ fn read_replay(file: &mut File, path: &Path, length: u64) -> Result<Vec<EpisodeD
         mend: "the training has to start again; the postures and the metrics can be used".to_owned(),
     };
     let mut bytes = Vec::new();
-    file.take(length).read_to_end(&mut bytes).map_err(io_error("read", path))?;
+    file.take(length).read_to_end(&mut bytes).map_err(cannot("read", path))?;
     if bytes.len() as u64 != length {
         return Err(damaged(format!("it has {} bytes, but the checkpoint counts {length}", bytes.len())));
     }

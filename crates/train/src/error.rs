@@ -1,13 +1,18 @@
 //! What can go wrong in a run.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
+use eigenhand_files::FileError;
 use eigenhand_hands::HandError;
-use eigenhand_rl::RlError;
+use eigenhand_mujoco::MuJoCoError;
+use eigenhand_rl::{RlError, UpdateStats};
 use eigenhand_sim::SimError;
 use eigenhand_synergy::SynergyError;
 
 use crate::config::ConfigError;
+
+/// Factor between the learning rates of a learner that diverged and those that are suggested instead.
+const SMALLER: f32 = 10.0;
 
 /// Errors of training, evaluation and export.
 #[derive(Debug, thiserror::Error)]
@@ -18,7 +23,10 @@ pub enum TrainError {
     /// The hand is wrong or unknown.
     #[error(transparent)]
     Hand(#[from] HandError),
-    /// The simulator or the task.
+    /// The simulator.
+    #[error(transparent)]
+    MuJoCo(#[from] MuJoCoError),
+    /// The scene or the task.
     #[error(transparent)]
     Sim(#[from] SimError),
     /// The learner.
@@ -27,32 +35,47 @@ pub enum TrainError {
     /// The posture database or the synergy.
     #[error(transparent)]
     Synergy(#[from] SynergyError),
-    /// The system refused something.
-    #[error("cannot {what}")]
-    Io {
-        /// What was tried.
-        what: String,
+    /// The system refused to read or write something.
+    #[error(transparent)]
+    File(#[from] FileError),
+    /// The system refused a thread.
+    #[error("cannot start a thread")]
+    Thread {
         /// The system's reason.
         #[source]
         source: std::io::Error,
     },
+    /// A joint whose unit the synergy does not know.
+    #[error("joint {joint} is in {unit:?}, but a posture is in rad or m: correct the joint's type in the hand's model")]
+    JointUnit {
+        /// The joint.
+        joint: String,
+        /// Its unit.
+        unit: String,
+    },
+    /// The learner's numbers are no longer finite.
+    #[error(
+        "the learner diverged at update {update}: critic loss {critic_loss}, actor loss {actor_loss}, mean value {q_mean}\n\
+         the run's last checkpoint is from before that; to train on, start a new run with smaller learning rates, such as \
+         --set learner.actor_lr={suggested_actor_lr} --set learner.critic_lr={suggested_critic_lr}"
+    )]
+    LearnerDiverged {
+        /// Number of the update.
+        update: u64,
+        /// The critic's loss there.
+        critic_loss: f32,
+        /// The actor's loss there.
+        actor_loss: f32,
+        /// Mean value of the batch's actions there.
+        q_mean: f32,
+        /// A smaller learning rate of the actor.
+        suggested_actor_lr: f32,
+        /// A smaller learning rate of the critic.
+        suggested_critic_lr: f32,
+    },
     /// A simulation thread ended.
     #[error("a simulation thread ended unexpectedly (its message is above); the run can be continued with --resume")]
     WorkerLost,
-    /// A name that no hand can have.
-    #[error(
-        "a hand's name is of lower-case letters, digits, `-` and `_`, and begins with a letter or digit; got {got:?}"
-    )]
-    HandName {
-        /// The name.
-        got: String,
-    },
-    /// A hand's directory exists already.
-    #[error("{} exists already and is not empty; name another directory with --out, or remove it", path.display())]
-    HandExists {
-        /// The directory.
-        path: PathBuf,
-    },
     /// A run directory exists already.
     #[error("{} exists already; name another with --out, or continue it with --resume {}", path.display(), path.display())]
     RunExists {
@@ -127,14 +150,6 @@ pub enum TrainError {
         /// The directory.
         path: PathBuf,
     },
-    /// A measurement of another implementation failed.
-    #[error("{what} failed: {reason}")]
-    Bench {
-        /// What was run.
-        what: String,
-        /// What it said.
-        reason: String,
-    },
     /// A file cannot be written in its format.
     #[error("cannot write {}: {reason}", path.display())]
     Format {
@@ -146,6 +161,18 @@ pub enum TrainError {
 }
 
 impl TrainError {
+    /// (number of the update, what it did, learning rates of actor and critic) => the error of a learner that diverged
+    pub(crate) fn diverged(update: u64, stats: &UpdateStats, [actor_lr, critic_lr]: [f32; 2]) -> TrainError {
+        TrainError::LearnerDiverged {
+            update,
+            critic_loss: stats.critic_loss,
+            actor_loss: stats.actor_loss.unwrap_or(0.0),
+            q_mean: stats.q_mean,
+            suggested_actor_lr: actor_lr / SMALLER,
+            suggested_critic_lr: critic_lr / SMALLER,
+        }
+    }
+
     /// Tells whether the command line was at fault, which ends with another exit status.
     pub fn is_usage(&self) -> bool {
         matches!(
@@ -154,23 +181,10 @@ impl TrainError {
                 | TrainError::NoHand { .. }
                 | TrainError::Option { .. }
                 | TrainError::RunExists { .. }
-                | TrainError::HandName { .. }
-                | TrainError::HandExists { .. }
                 | TrainError::OtherSettings { .. }
                 | TrainError::ExportExists { .. }
                 | TrainError::Hand(HandError::UnknownHand { .. } | HandError::NoPluginDirectory { .. })
                 | TrainError::Sim(SimError::UnknownObject { .. })
         )
     }
-
-    /// Tells whether no libmujoco could be opened, which installing it mends.
-    pub fn is_missing_library(&self) -> bool {
-        matches!(self, TrainError::Sim(SimError::LibraryMissing { .. }))
-    }
-}
-
-/// Turns the system's reason into an error that says what was tried.
-pub(crate) fn io_error(what: &str, path: &Path) -> impl FnOnce(std::io::Error) -> TrainError {
-    let what = format!("{what} {}", path.display());
-    move |source| TrainError::Io { what, source }
 }

@@ -1,13 +1,13 @@
 //! Evaluation: episodes without exploration, in which nothing is learned or stored.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
+use eigenhand_mujoco::WarningCounts;
 use eigenhand_rl::Policy;
 use eigenhand_sim::GraspTask;
-use eigenhand_sim::ffi::WarningCounts;
-use serde::Serialize;
 
-use crate::TrainError;
+use crate::error::TrainError;
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool};
 
 /// Which random streams an evaluation draws its episodes from.
@@ -34,17 +34,36 @@ impl EvaluationStream {
     }
 }
 
-/// Result of an evaluation.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Evaluation {
-    /// Episodes that were asked for; one that diverged counts as a failure.
+/// How many of some episodes succeeded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    /// Episodes; one that diverged counts as a failure.
     pub episodes: u64,
-    /// Share of episodes that succeeded.
-    pub success_rate: f64,
-    /// The same for each object.
-    pub success_rate_per_object: BTreeMap<String, f64>,
-    /// Episodes with each object.
-    pub episodes_per_object: BTreeMap<String, u64>,
+    /// Episodes that succeeded.
+    pub successes: u64,
+}
+
+impl Tally {
+    fn of<'a>(episodes: impl Iterator<Item = &'a Episode>) -> Tally {
+        episodes.fold(Tally::default(), |tally, episode| Tally {
+            episodes: tally.episodes + 1,
+            successes: tally.successes + u64::from(episode.success),
+        })
+    }
+
+    /// Returns the share of episodes that succeeded; 0 where there are none.
+    pub fn rate(self) -> f64 {
+        self.successes as f64 / self.episodes.max(1) as f64
+    }
+}
+
+/// Result of an evaluation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Evaluation {
+    /// All episodes.
+    pub all: Tally,
+    /// The episodes with each object that had one, in the order of the task's scenes.
+    pub objects: Vec<(String, Tally)>,
     /// Mean distance from object to goal at the end, in m.
     pub mean_final_distance: f64,
     /// Mean over the successes of the deepest penetration between object and hand in the last steps, in m.
@@ -54,8 +73,27 @@ pub struct Evaluation {
     /// What MuJoCo warned of.
     pub warnings: WarningCounts,
     /// Postures of the successes, in rad and m.
-    #[serde(skip)]
     pub postures: Vec<Vec<f64>>,
+}
+
+impl Evaluation {
+    /// Returns the share of episodes that succeeded.
+    pub fn success_rate(&self) -> f64 {
+        self.all.rate()
+    }
+
+    /// Returns the same for each object.
+    pub fn success_rate_per_object(&self) -> BTreeMap<String, f64> {
+        self.objects.iter().map(|(object, tally)| (object.clone(), tally.rate())).collect()
+    }
+}
+
+impl fmt::Display for Evaluation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |(object, rate): (String, f64)| format!("{object} {:.0} %", 100.0 * rate);
+        let objects: Vec<String> = self.success_rate_per_object().into_iter().map(percent).collect();
+        write!(f, "evaluated success {:.1} % ({})", 100.0 * self.success_rate(), objects.join(", "))
+    }
 }
 
 /// Runs `episodes` episodes, the objects in turn.
@@ -75,7 +113,6 @@ pub fn evaluate(
         stream: stream.name(),
         index,
         scene: Some((index % task.scenes.len() as u64) as usize),
-        goal_height: task.config.goal_height,
         policy: policy.clone(),
         behaviour: Behaviour::Greedy,
     }))?;
@@ -83,31 +120,19 @@ pub fn evaluate(
 }
 
 fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
-    let rate = |chosen: &mut dyn Iterator<Item = &Episode>| {
-        let (all, good) = chosen.fold((0u64, 0u64), |(all, good), e| (all + 1, good + u64::from(e.success)));
-        good as f64 / all.max(1) as f64
-    };
     let mean = |values: &mut dyn Iterator<Item = f64>| {
         let (count, sum) = values.fold((0u64, 0.0), |(count, sum), value| (count + 1, sum + value));
         sum / count.max(1) as f64
     };
     let mut warnings = WarningCounts::default();
     episodes.iter().for_each(|e| warnings += e.warnings);
+    let of_object = |i: usize| Tally::of(episodes.iter().filter(|e| e.scene == i));
+    let scenes = task.scenes.iter().enumerate();
     Evaluation {
-        episodes: episodes.len() as u64,
-        success_rate: rate(&mut episodes.iter()),
-        success_rate_per_object: task
-            .scenes
-            .iter()
-            .enumerate()
-            .filter(|(i, _)| episodes.iter().any(|e| e.scene == *i))
-            .map(|(i, scene)| (scene.object.name.to_owned(), rate(&mut episodes.iter().filter(|e| e.scene == i))))
-            .collect(),
-        episodes_per_object: task
-            .scenes
-            .iter()
-            .enumerate()
-            .map(|(i, scene)| (scene.object.name.to_owned(), episodes.iter().filter(|e| e.scene == i).count() as u64))
+        all: Tally::of(episodes.iter()),
+        objects: scenes
+            .map(|(i, scene)| (scene.object.name.to_owned(), of_object(i)))
+            .filter(|(_, tally)| tally.episodes > 0)
             .collect(),
         mean_final_distance: mean(&mut episodes.iter().filter(|e| !e.diverged).map(|e| e.final_distance)),
         mean_penetration: mean(&mut episodes.iter().filter(|e| e.success).map(|e| e.penetration)),

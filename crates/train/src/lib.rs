@@ -1,47 +1,55 @@
 //! Training, evaluation and export: the crate that brings hands, simulator, learner and synergy together.
+//!
+//! [`request`] makes a new or a resumed run from what a user asks for, [`Trainer`] trains it, and [`FinishedRun`] evaluates
+//! and exports it. [`config`] holds every setting, [`feedback`] is what the synergy does to the learner, and
+//! [`reproduce`] trains several runs as processes of their own.
 #![forbid(unsafe_code)]
 
-mod assess;
-pub mod bench;
-mod catalogue;
+mod assessment;
+mod assignment;
 mod checkpoint;
-mod command_cost;
+mod conclude;
 pub mod config;
+mod counters;
 mod error;
 mod evaluation;
-mod export;
-pub mod files;
-pub mod launch;
+mod exploration;
+pub mod feedback;
+mod finalists;
+mod finished;
+mod hands;
+mod journal;
 mod logging;
 mod metrics;
-mod new_hand;
+mod postures;
+mod products;
 mod progress;
 mod provenance;
 pub mod reproduce;
-mod reward;
+pub mod request;
 mod rollout;
 mod run_dir;
-mod settings;
+mod schedule;
+mod status;
 mod summary;
+mod task;
 mod tensorboard;
+mod threads;
 mod trainer;
 
-pub use assess::{Assessment, ObjectScore, assess, wilson_interval};
-pub use catalogue::{HandCheck, check_hand, default_picture, hand_named, registry};
-pub use eigenhand_hands::{Hand, HandSummary, ImportOptions, PLUGINS_VARIABLE, Registry, RegistryEntry, Transmission};
-pub use eigenhand_sim::contract::{Check, ContractReport};
-pub use eigenhand_sim::ffi::{LIBRARY_VARIABLE, MuJoCo};
-pub use eigenhand_sim::survey::Hints;
+pub use assessment::{Assessment, ObjectScore, wilson_interval};
+pub use assignment::Assignment;
 pub use error::TrainError;
-pub use evaluation::{Evaluation, EvaluationStream, evaluate};
-pub use export::LoadedRun;
-pub use metrics::MetricsTable;
-pub use new_hand::{NewHand, NewHandReport, describe_new_hand, new_hand};
+pub use evaluation::{Evaluation, EvaluationStream, Tally, evaluate};
+pub use finished::FinishedRun;
+pub use hands::hand_named;
+pub use metrics::{MetricsRow, read_metrics};
 pub use progress::{Bar, Lines, Progress, Silent, Status};
 pub use provenance::Provenance;
-pub use reward::GraspReward;
 pub use rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape, run_episode};
-pub use run_dir::{RunDirectory, is_run, read_config, read_provenance};
-pub use settings::{Settings, differences, read_settings};
+pub use run_dir::{DATABASE, RunDirectory, is_run, read_config, read_provenance, read_settings};
+pub use status::{STATUS, read_status};
 pub use summary::{StoppedBy, Summary};
-pub use trainer::{DATABASE, Trainer, task_of};
+pub use task::{actuation_map, joint_infos, task_of};
+pub use threads::learning_threads;
+pub use trainer::Trainer;

@@ -4,11 +4,12 @@ use std::fs::OpenOptions;
 use std::path::Path;
 use std::sync::Mutex;
 
+use eigenhand_files::cannot;
 use tracing::subscriber::DefaultGuard;
 
-use crate::TrainError;
-use crate::error::io_error;
+use crate::error::TrainError;
 use crate::progress::{Progress, Status};
+use crate::status::StatusFile;
 
 /// Name of the file in a run directory.
 pub const LOG: &str = "log.txt";
@@ -22,30 +23,44 @@ impl RunLog {
     /// Opens the file for appending.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
+    /// [`TrainError::File`].
     pub fn start(run: &Path) -> Result<RunLog, TrainError> {
         let path = run.join(LOG);
-        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(io_error("open", &path))?;
+        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(cannot("open", &path))?;
         let subscriber =
             tracing_subscriber::fmt().with_writer(Mutex::new(file)).with_ansi(false).with_target(false).finish();
         Ok(RunLog { _guard: tracing::subscriber::set_default(subscriber) })
     }
 }
 
-/// Passes progress on, and logs its notes.
-pub(crate) struct Logged<'a>(pub &'a mut dyn Progress);
+/// Passes progress on, logs its notes, and writes the run's status file.
+pub(crate) struct Logged<'a> {
+    shown: &'a mut dyn Progress,
+    file: StatusFile,
+}
+
+impl<'a> Logged<'a> {
+    /// Passes the progress of the run in a directory on to `shown`.
+    pub fn new(run: &Path, shown: &'a mut dyn Progress) -> Logged<'a> {
+        Logged { shown, file: StatusFile::new(run) }
+    }
+}
 
 impl Progress for Logged<'_> {
     fn update(&mut self, status: &Status) {
-        self.0.update(status);
+        // Whoever watches the run misses a state; the run itself does not depend on it.
+        if let Err(error) = self.file.write(status) {
+            tracing::warn!("{error}: {}", error.source);
+        }
+        self.shown.update(status);
     }
 
     fn note(&mut self, line: &str) {
         tracing::info!("{line}");
-        self.0.note(line);
+        self.shown.note(line);
     }
 
     fn finish(&mut self) {
-        self.0.finish();
+        self.shown.finish();
     }
 }

@@ -1,11 +1,15 @@
 //! `metrics.csv`: one row for each evaluation. Every column is defined in docs/algorithms.md.
 
+use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
 use std::path::{Path, PathBuf};
 
-use crate::TrainError;
-use crate::error::io_error;
-use crate::files::write_atomically;
+use eigenhand_files::{cannot, write_atomically};
+use eigenhand_synergy::Synergy;
+
+use crate::counters::Counters;
+use crate::error::TrainError;
+use crate::evaluation::Evaluation;
 
 /// Name of the file in a run directory.
 pub const METRICS: &str = "metrics.csv";
@@ -13,12 +17,154 @@ pub const METRICS: &str = "metrics.csv";
 /// The column that comes first and that tells the rows apart.
 const EPISODE: &str = "episode";
 
-/// One row, as columns with values; the columns are the same in every row of a run.
-pub type Row = Vec<(String, f64)>;
+/// One evaluation during training, with what was learned since the one before; `None` where a number does not exist.
+///
+/// docs/algorithms.md defines each field under the name of its column.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MetricsRow {
+    /// Training episodes so far.
+    pub episode: u64,
+    /// Control steps simulated in training.
+    pub env_steps: Option<f64>,
+    /// Minibatches learned from.
+    pub updates: Option<f64>,
+    /// Wall time in s.
+    pub wall_s: Option<f64>,
+    /// Share of the evaluation's episodes that succeeded.
+    pub success_rate: Option<f64>,
+    /// The same for each object, by its name.
+    pub success_rate_per_object: BTreeMap<String, Option<f64>>,
+    /// Mean distance between object and goal at the end, in m.
+    pub mean_final_distance_m: Option<f64>,
+    /// Mean over the successes of the deepest penetration between object and hand, in m.
+    pub mean_penetration_m: Option<f64>,
+    /// Share of the last noise-free training episodes that succeeded.
+    pub train_success_rate: Option<f64>,
+    /// Postures in the database.
+    pub n_postures: Option<f64>,
+    /// Contribution rate of each component, from the first on.
+    pub contribution: Vec<Option<f64>>,
+    /// Their sum.
+    pub contribution_sum: Option<f64>,
+    /// Mean approximation error of the evaluation's successes.
+    pub mean_error_rad: Option<f64>,
+    /// Mean loss of the critic.
+    pub critic_loss: Option<f64>,
+    /// Mean loss of the actor.
+    pub actor_loss: Option<f64>,
+    /// Mean value of the batches' actions.
+    pub q_mean: Option<f64>,
+    /// Mean target.
+    pub target_mean: Option<f64>,
+    /// Mean share of the targets that were clipped.
+    pub clipped_share: Option<f64>,
+    /// Training episodes that diverged.
+    pub diverged: Option<f64>,
+    /// Steps with a full contact or constraint buffer, or a bad inertia, in training.
+    pub buffer_warnings: Option<f64>,
+}
 
-/// (row, name of a column) => the value there; 0 where the row has no such column.
-pub fn value(row: &Row, column: &str) -> f64 {
-    row.iter().find(|(name, _)| name == column).map_or(0.0, |(_, value)| *value)
+/// How the column of an object's success rate begins; its name follows.
+const OBJECT_PREFIX: &str = "success_rate_";
+/// How the column of a component's contribution rate begins; its number, from 1, follows.
+const COMPONENT_PREFIX: &str = "contribution_";
+
+impl MetricsRow {
+    /// Sums up an evaluation and what was learned since the one before; `components` is the number of contribution rates
+    /// that the file has columns for.
+    pub(crate) fn of(
+        counters: &Counters,
+        evaluation: &Evaluation,
+        synergy: Option<&Synergy>,
+        components: usize,
+    ) -> MetricsRow {
+        let Counters { sums, .. } = counters;
+        let error = synergy.filter(|_| !evaluation.postures.is_empty()).map(|s| s.mean_error(&evaluation.postures));
+        let rates = evaluation.success_rate_per_object().into_iter();
+        MetricsRow {
+            episode: counters.episodes,
+            env_steps: Some(counters.env_steps as f64),
+            updates: Some(counters.updates as f64),
+            wall_s: Some(counters.wall_s),
+            success_rate: Some(evaluation.success_rate()),
+            success_rate_per_object: rates.map(|(object, rate)| (object, Some(rate))).collect(),
+            mean_final_distance_m: Some(evaluation.mean_final_distance),
+            mean_penetration_m: Some(evaluation.mean_penetration),
+            train_success_rate: counters.recent_success(),
+            n_postures: Some(counters.postures as f64),
+            contribution: (0..components).map(|i| synergy.map(|s| s.contribution()[i])).collect(),
+            contribution_sum: synergy.map(Synergy::contribution_sum),
+            mean_error_rad: error,
+            critic_loss: sums.mean(sums.critic_loss),
+            actor_loss: sums.mean(sums.actor_loss),
+            q_mean: sums.mean(sums.q),
+            target_mean: sums.mean(sums.target),
+            clipped_share: sums.mean(sums.clipped),
+            diverged: Some(counters.diverged as f64),
+            buffer_warnings: Some(counters.buffer_warnings as f64),
+        }
+    }
+
+    /// Lists columns and values, in the order of the file.
+    pub fn cells(&self) -> Vec<(String, Option<f64>)> {
+        let mut copy = self.clone();
+        let named = |cells: Vec<(&str, &mut Option<f64>)>| -> Vec<(String, Option<f64>)> {
+            cells.into_iter().map(|(name, value)| (name.to_owned(), *value)).collect()
+        };
+        let [progress, success, synergy, learner] = copy.fields();
+        let mut cells = vec![(EPISODE.to_owned(), Some(self.episode as f64))];
+        cells.extend(named(progress));
+        let objects = &self.success_rate_per_object;
+        cells.extend(objects.iter().map(|(object, rate)| (format!("{OBJECT_PREFIX}{object}"), *rate)));
+        cells.extend(named(success));
+        let components = self.contribution.iter().enumerate();
+        cells.extend(components.map(|(i, rate)| (format!("{COMPONENT_PREFIX}{}", i + 1), *rate)));
+        cells.extend(named(synergy));
+        cells.extend(named(learner));
+        cells
+    }
+
+    /// Takes the value of a column. A column that this version does not have is passed over.
+    fn set(&mut self, column: &str, value: Option<f64>) {
+        if let Some((_, field)) = self.fields().into_iter().flatten().find(|(name, _)| *name == column) {
+            *field = value;
+        } else if let Some(object) = column.strip_prefix(OBJECT_PREFIX) {
+            self.success_rate_per_object.insert(object.to_owned(), value);
+        } else if let Some(number) = column.strip_prefix(COMPONENT_PREFIX).and_then(|n| n.parse::<usize>().ok()) {
+            self.contribution.resize(self.contribution.len().max(number), None);
+            if let Some(rate) = number.checked_sub(1).and_then(|i| self.contribution.get_mut(i)) {
+                *rate = value;
+            }
+        }
+    }
+
+    /// The columns with one value, in four groups: the objects' rates follow the first, the components' the second.
+    fn fields(&mut self) -> [Vec<(&'static str, &mut Option<f64>)>; 4] {
+        [
+            vec![
+                ("env_steps", &mut self.env_steps),
+                ("updates", &mut self.updates),
+                ("wall_s", &mut self.wall_s),
+                ("success_rate", &mut self.success_rate),
+            ],
+            vec![
+                ("mean_final_distance_m", &mut self.mean_final_distance_m),
+                ("mean_penetration_m", &mut self.mean_penetration_m),
+                ("train_success_rate", &mut self.train_success_rate),
+                ("n_postures", &mut self.n_postures),
+            ],
+            vec![("contribution_sum", &mut self.contribution_sum), ("mean_error_rad", &mut self.mean_error_rad)],
+            vec![
+                ("critic_loss", &mut self.critic_loss),
+                ("actor_loss", &mut self.actor_loss),
+                ("q_mean", &mut self.q_mean),
+                ("target_mean", &mut self.target_mean),
+                ("clipped_share", &mut self.clipped_share),
+                ("diverged", &mut self.diverged),
+                ("buffer_warnings", &mut self.buffer_warnings),
+            ],
+        ]
+    }
 }
 
 /// The open file.
@@ -32,11 +178,11 @@ impl MetricsFile {
     /// Opens the file and drops the rows of episodes after `episode`, which a resumed run writes again.
     ///
     /// # Errors
-    /// [`TrainError::Io`], or [`TrainError::Damaged`] when a row cannot be read.
+    /// [`TrainError::File`], or [`TrainError::Damaged`] when a row cannot be read.
     pub fn open(directory: &Path, episode: u64) -> Result<MetricsFile, TrainError> {
         let path = directory.join(METRICS);
         let columns = if path.exists() { truncate(&path, episode)? } else { Vec::new() };
-        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(io_error("open", &path))?;
+        let file = OpenOptions::new().create(true).append(true).open(&path).map_err(cannot("open", &path))?;
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(file);
         Ok(MetricsFile { path, writer, columns })
     }
@@ -47,90 +193,69 @@ impl MetricsFile {
     /// left empty.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
-    pub fn append(&mut self, row: &Row) -> Result<(), TrainError> {
+    /// [`TrainError::File`].
+    pub fn append(&mut self, row: &MetricsRow) -> Result<(), TrainError> {
+        let cells = row.cells();
         if self.columns.is_empty() {
-            self.columns = row.iter().map(|(name, _)| name.clone()).collect();
+            self.columns = cells.iter().map(|(name, _)| name.clone()).collect();
             self.writer.write_record(&self.columns).map_err(|e| csv_error(&self.path, e))?;
         }
         let field = |column: &String| {
-            let found = row.iter().find(|(name, value)| name == column && value.is_finite());
-            found.map_or_else(String::new, |(_, value)| value.to_string())
+            let found = cells.iter().find(|(name, _)| name == column).and_then(|(_, value)| *value);
+            found.filter(|value| value.is_finite()).map_or_else(String::new, |value| value.to_string())
         };
         self.writer.write_record(self.columns.iter().map(field)).map_err(|e| csv_error(&self.path, e))?;
-        self.writer.flush().map_err(io_error("write", &self.path))
+        Ok(self.writer.flush().map_err(cannot("write", &self.path))?)
     }
 }
 
-/// The rows of a `metrics.csv`, read back.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct MetricsTable {
-    columns: Vec<String>,
-    rows: Vec<Vec<Option<f64>>>,
-}
-
-impl MetricsTable {
-    /// Reads the file in a run directory. A run that has not evaluated yet has none, which is an empty table; a last line
-    /// without its end is one that is being written, and is left out.
-    ///
-    /// # Errors
-    /// [`TrainError::Io`], or [`TrainError::Damaged`] with the line that cannot be read.
-    pub fn read(directory: &Path) -> Result<MetricsTable, TrainError> {
-        let path = directory.join(METRICS);
-        let mut text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(MetricsTable::default()),
-            Err(error) => return Err(io_error("read", &path)(error)),
+/// Reads the rows in a run directory, from top to bottom.
+///
+/// A run that has not evaluated yet has none. A last line without its end is being written, and is left out.
+///
+/// # Errors
+/// [`TrainError::File`], or [`TrainError::Damaged`] with the line that cannot be read.
+pub fn read_metrics(directory: &Path) -> Result<Vec<MetricsRow>, TrainError> {
+    let path = directory.join(METRICS);
+    let mut text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(cannot("read", &path)(error).into()),
+    };
+    text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
+    let damaged = |line: usize, what: String| TrainError::Damaged {
+        path: path.clone(),
+        reason: format!("line {line}: {what}"),
+        mend: "the policy and the postures are not affected: correct the line, or move the file away".to_owned(),
+    };
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let header = reader.headers().map_err(|error| damaged(1, error.to_string()))?.clone();
+    if header.get(0).is_some_and(|first| first != EPISODE) {
+        return Err(damaged(1, format!("the first column is {:?}; expected {EPISODE:?}", &header[0])));
+    }
+    let mut rows = Vec::new();
+    for (i, record) in reader.records().enumerate() {
+        let line = i + 2;
+        let record = record.map_err(|error| damaged(line, error.to_string()))?;
+        let wrong = |column: &str, cell: &str, expected: &str| {
+            damaged(line, format!("{column} is {cell:?}; expected {expected}"))
         };
-        text.truncate(text.rfind('\n').map_or(0, |end| end + 1));
-        let damaged = |line: usize, what: String| TrainError::Damaged {
-            path: path.clone(),
-            reason: format!("line {line}: {what}"),
-            mend: "the policy and the postures are not affected: mend the line, or move the file away".to_owned(),
-        };
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
-        let header = reader.headers().map_err(|error| damaged(1, error.to_string()))?;
-        let columns: Vec<String> = header.iter().map(str::to_owned).collect();
-        if !columns.is_empty() && columns.first().is_none_or(|first| first != EPISODE) {
-            return Err(damaged(1, format!("the first column is {:?}; expected {EPISODE:?}", columns[0])));
-        }
-        let mut rows = Vec::new();
-        for (i, record) in reader.records().enumerate() {
-            let record = record.map_err(|error| damaged(i + 2, error.to_string()))?;
-            let number = |(cell, column): (&str, &String)| match cell.parse::<f64>() {
-                _ if cell.is_empty() && column != EPISODE => Ok(None),
-                Ok(value) if value.is_finite() => Ok(Some(value)),
-                _ => Err(damaged(i + 2, format!("{column} is {cell:?}; expected a number"))),
+        let mut row = MetricsRow::default();
+        for (cell, column) in record.iter().zip(&header) {
+            if column == EPISODE {
+                row.episode = cell.parse().map_err(|_| wrong(column, cell, "a whole number"))?;
+                continue;
+            }
+            let value = match cell.parse::<f64>() {
+                _ if cell.is_empty() => None,
+                Ok(value) if value.is_finite() => Some(value),
+                _ => return Err(wrong(column, cell, "a number")),
             };
-            rows.push(record.iter().zip(&columns).map(number).collect::<Result<_, _>>()?);
+            row.set(column, value);
         }
-        Ok(MetricsTable { columns, rows })
+        rows.push(row);
     }
-
-    /// Returns the number of rows.
-    pub fn len(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// Tells whether there is no row.
-    pub fn is_empty(&self) -> bool {
-        self.rows.is_empty()
-    }
-
-    /// Returns the rows from top to bottom; what does not exist is not a number.
-    pub fn rows(&self) -> Vec<Row> {
-        let row = |values: &Vec<Option<f64>>| {
-            self.columns.iter().cloned().zip(values.iter().map(|value| value.unwrap_or(f64::NAN))).collect()
-        };
-        self.rows.iter().map(row).collect()
-    }
-
-    /// Returns a column from top to bottom, `None` where a number does not exist; of no length when there is no such
-    /// column.
-    pub fn column(&self, name: &str) -> Vec<Option<f64>> {
-        let position = self.columns.iter().position(|column| column == name);
-        position.map_or_else(Vec::new, |i| self.rows.iter().map(|row| row.get(i).copied().flatten()).collect())
-    }
+    Ok(rows)
 }
 
 /// Drops the rows of episodes after `episode`, and returns the header.
@@ -167,55 +292,64 @@ fn csv_error(path: &Path, error: csv::Error) -> TrainError {
 mod tests {
     use super::*;
 
+    fn row(episode: u64, success_rate: Option<f64>) -> MetricsRow {
+        MetricsRow {
+            episode,
+            success_rate,
+            success_rate_per_object: BTreeMap::from([("cube".to_owned(), Some(0.5)), ("disc".to_owned(), None)]),
+            contribution: vec![Some(0.25), Some(0.125)],
+            updates: Some(40.0),
+            ..MetricsRow::default()
+        }
+    }
+
+    fn directory_with(text: &str) -> tempfile::TempDir {
+        let directory = tempfile::tempdir().expect("a directory");
+        std::fs::write(directory.path().join(METRICS), text).expect("writable");
+        directory
+    }
+
+    fn read(text: &str) -> Result<Vec<MetricsRow>, TrainError> {
+        read_metrics(directory_with(text).path())
+    }
+
     #[test]
     fn a_resumed_file_holds_every_row_once() {
         let directory = tempfile::tempdir().expect("a directory");
-        let row = |episode: f64, value: f64| vec![("episode".to_owned(), episode), ("x".to_owned(), value)];
         let mut file = MetricsFile::open(directory.path(), 0).expect("new");
-        for episode in [100.0, 200.0, 300.0] {
-            file.append(&row(episode, f64::NAN)).expect("writable");
+        for episode in [100, 200, 300] {
+            file.append(&row(episode, Some(f64::NAN))).expect("writable");
         }
         drop(file);
         let mut file = MetricsFile::open(directory.path(), 200).expect("existing");
-        file.append(&row(300.0, 7.5)).expect("writable");
-        let text = std::fs::read_to_string(directory.path().join(METRICS)).expect("readable");
-        assert_eq!(text, "episode,x\n100,\n200,\n300,7.5\n");
+        file.append(&row(300, Some(0.75))).expect("writable");
+        let expected = [row(100, None), row(200, None), row(300, Some(0.75))];
+        assert_eq!(read_metrics(directory.path()).expect("sound"), expected, "not a number is no number");
     }
 
     #[test]
-    fn a_file_keeps_its_columns_and_gives_back_its_rows() {
-        let directory = tempfile::tempdir().expect("a directory");
-        let path = directory.path().join(METRICS);
-        std::fs::write(&path, "episode,old,x\n100,1,2.5\n").expect("writable");
+    fn a_file_keeps_its_columns() {
+        let directory = directory_with("episode,old,updates\n100,1,2.5\n");
         let mut file = MetricsFile::open(directory.path(), 100).expect("existing");
-        let row = [("episode", 200.0), ("x", 7.5), ("new", 1.0)].map(|(name, value)| (name.to_owned(), value));
-        file.append(&row.to_vec()).expect("writable");
-        assert_eq!(std::fs::read_to_string(&path).expect("readable"), "episode,old,x\n100,1,2.5\n200,,7.5\n");
-        let rows = MetricsTable::read(directory.path()).expect("sound").rows();
-        assert_eq!((value(&rows[0], "old"), value(&rows[1], "x")), (1.0, 7.5));
-        assert!(value(&rows[1], "old").is_nan());
-        assert_eq!(value(&rows[1], "new"), 0.0);
-    }
-
-    fn table(text: &str) -> Result<MetricsTable, TrainError> {
-        let directory = tempfile::tempdir().expect("a directory");
-        std::fs::write(directory.path().join(METRICS), text).expect("writable");
-        MetricsTable::read(directory.path())
+        file.append(&row(200, Some(0.5))).expect("writable");
+        let text = std::fs::read_to_string(directory.path().join(METRICS)).expect("readable");
+        assert_eq!(text, "episode,old,updates\n100,1,2.5\n200,,40\n");
     }
 
     #[test]
-    fn columns_are_read_back_with_their_gaps() {
-        let read = table("episode,x\n100,\n200,0.5\n300,0.").expect("sound");
-        assert_eq!((read.len(), read.column("episode")), (2, vec![Some(100.0), Some(200.0)]), "the last is unfinished");
-        assert_eq!((read.column("x"), read.column("y")), (vec![None, Some(0.5)], vec![]));
+    fn rows_are_read_back_with_their_gaps() {
+        let rows = read("episode,updates,contribution_2\n100,,\n200,0.5,0.25\n300,0.").expect("sound");
+        let updates: Vec<_> = rows.iter().map(|row| (row.episode, row.updates)).collect();
+        assert_eq!(updates, [(100, None), (200, Some(0.5))], "the last line is unfinished");
+        assert_eq!(rows[1].contribution, [None, Some(0.25)]);
     }
 
     #[test]
-    fn a_file_without_rows_is_an_empty_table() {
-        assert!(table("").expect("empty").is_empty());
-        assert!(table("episode,x\n").expect("a header").is_empty());
+    fn a_file_without_rows_is_empty() {
+        assert!(read("").expect("empty").is_empty());
+        assert!(read("episode,x\n").expect("a header").is_empty());
         let directory = tempfile::tempdir().expect("a directory");
-        assert!(MetricsTable::read(directory.path()).expect("no file").is_empty());
+        assert!(read_metrics(directory.path()).expect("no file").is_empty());
     }
 
     #[test]
@@ -226,7 +360,7 @@ mod tests {
             ("episode,x\n,1\n", "line 2: episode is \"\""),
             ("a,b\n1,2\n", "line 1"),
         ] {
-            let error = table(text).expect_err(text).to_string();
+            let error = read(text).expect_err(text).to_string();
             assert!(error.contains(part), "{error} does not say {part}");
         }
     }

@@ -3,9 +3,10 @@
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde::{Deserialize, Serialize};
 
 /// State of a run, as progress shows it.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Training episodes so far.
     pub episodes: u64,
@@ -30,21 +31,6 @@ impl Status {
     fn plain(&self, left: Option<f64>) -> String {
         let left = left.map_or_else(|| "-".to_owned(), clock);
         format!("episode {}/{}, {left} left: {}", self.episodes, self.total, self.line())
-    }
-
-    /// Reads episodes and success back from a line of [`Lines`]; any other line is `None`.
-    pub fn from_line(line: &str) -> Option<Status> {
-        let (head, text) = line.strip_prefix("episode ")?.split_once(" left: success ")?;
-        let (episodes, total) = head.split_once(',')?.0.split_once('/')?;
-        let (recent, rest) = text.split_once(" (evaluated ")?;
-        let rate = |text: &str| Some(text.trim().strip_suffix('%')?.trim().parse::<f64>().ok()? / 100.0);
-        Some(Status {
-            episodes: episodes.parse().ok()?,
-            total: total.parse().ok()?,
-            recent_success: rate(recent),
-            evaluated: rate(rest.split_once(')')?.0),
-            ..Status::default()
-        })
     }
 
     fn line(&self) -> String {
@@ -165,31 +151,4 @@ pub struct Silent;
 impl Progress for Silent {
     fn update(&mut self, _status: &Status) {}
     fn note(&mut self, _line: &str) {}
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_line_is_read_back() {
-        let status = Status {
-            episodes: 400,
-            total: 3000,
-            recent_success: Some(0.25),
-            evaluated: None,
-            postures: 7,
-            contribution_sum: Some(0.8),
-            steps_per_s: 1234.0,
-            diverged: 2,
-        };
-        let kept = Status { episodes: 400, total: 3000, recent_success: Some(0.25), ..Status::default() };
-        for left in [None, Some(3725.0)] {
-            let read = Status::from_line(&status.plain(left)).expect("its own line");
-            assert_eq!(format!("{read:?}"), format!("{kept:?}"));
-        }
-        let evaluated = Status { evaluated: Some(0.5), ..status };
-        assert_eq!(Status::from_line(&evaluated.plain(None)).and_then(|s| s.evaluated), Some(0.5));
-        assert!(Status::from_line("error: episode 3").is_none());
-    }
 }

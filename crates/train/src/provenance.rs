@@ -4,10 +4,10 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use eigenhand_hands::Hand;
-use eigenhand_sim::ffi::MuJoCo;
+use eigenhand_mujoco::MuJoCo;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
+use crate::error::TrainError;
 
 /// Record of versions, host and hand, written beside every run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,12 +5,12 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
+use eigenhand_mujoco::WarningCounts;
 use eigenhand_rl::{EpisodeData, EpisodeShape, Exploration, ExplorationConfig, Policy, PolicyScratch, rng};
-use eigenhand_sim::ffi::WarningCounts;
-use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, SimError, StepFacts};
+use eigenhand_sim::{GraspEnv, GraspTask, SimError, StepFacts};
 use rand::RngExt;
 
-use crate::TrainError;
+use crate::error::TrainError;
 
 /// How an episode acts.
 #[derive(Clone)]
@@ -21,7 +21,7 @@ pub enum Behaviour {
     Explore(Arc<ExplorationConfig>),
     /// Held random actions.
     Warmup(Arc<ExplorationConfig>),
-    /// A grasp by chance: the hand comes down, closes and rises.
+    /// A scripted grasp: the hand comes down, closes and rises.
     Attempt(Arc<ExplorationConfig>),
 }
 
@@ -36,8 +36,6 @@ pub struct EpisodeJob {
     pub index: u64,
     /// Index of the scene; drawn at random when there is none.
     pub scene: Option<usize>,
-    /// Range of goal heights in m.
-    pub goal_height: [f64; 2],
     /// Who acts.
     pub policy: Policy,
     /// How.
@@ -57,7 +55,7 @@ pub struct Episode {
     pub diverged: bool,
     /// Whether the policy acted alone.
     pub greedy: bool,
-    /// Everything that replay stores, but the rewards, which need the current synergy.
+    /// Everything that replay stores.
     pub data: EpisodeData,
     /// Values of the posture's joints at the end, in rad and m.
     pub posture: Vec<f64>,
@@ -140,7 +138,7 @@ fn play(
     let task = Arc::clone(env.task());
     let EpisodeShape { n_steps, obs_dim, goal_dim, act_dim, fact_dim } = episode.data.shape;
     let data = &mut episode.data;
-    env.reset(EpisodeSetup { scene, goal_height: job.goal_height }, env_rng)?;
+    env.reset(scene, env_rng)?;
     let goal = env.desired_goal();
     data.desired_goal.copy_from_slice(&goal);
     env.observe(&mut data.observations[..obs_dim]);
@@ -180,7 +178,7 @@ impl WorkerPool {
     /// Starts `count` threads.
     ///
     /// # Errors
-    /// [`TrainError::Sim`] when an environment cannot be allocated, [`TrainError::Io`] when a thread cannot start.
+    /// [`TrainError::Sim`] when an environment cannot be allocated, [`TrainError::Thread`] when a thread cannot start.
     pub fn new(task: &Arc<GraspTask>, count: usize) -> Result<WorkerPool, TrainError> {
         let (jobs, inbox) = unbounded::<EpisodeJob>();
         let (outbox, results) = unbounded();
@@ -203,7 +201,7 @@ impl WorkerPool {
             let thread = std::thread::Builder::new()
                 .name(format!("simulation-{number}"))
                 .spawn(body)
-                .map_err(|source| TrainError::Io { what: "start a simulation thread".to_owned(), source })?;
+                .map_err(|source| TrainError::Thread { source })?;
             threads.push(thread);
         }
         Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0 })

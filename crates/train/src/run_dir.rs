@@ -3,11 +3,14 @@
 use std::fs::{File, OpenOptions, TryLockError};
 use std::path::{Path, PathBuf};
 
-use crate::config::RunConfig;
-use crate::error::io_error;
-use crate::files::{create_directory, write_atomically};
-use crate::{Provenance, TrainError};
+use eigenhand_files::{cannot, create_directory, write_atomically};
 
+use crate::config::{ConfigError, RunConfig, Settings, parse_settings};
+use crate::error::TrainError;
+use crate::provenance::Provenance;
+
+/// Name of the posture database in a run directory.
+pub const DATABASE: &str = "postures.sqlite";
 pub(crate) const CONFIG: &str = "config.toml";
 const PROVENANCE: &str = "provenance.toml";
 pub(crate) const LOCK: &str = ".lock";
@@ -24,7 +27,7 @@ impl RunDirectory {
     /// Without `out` it is `runs/<hand>-<preset>-l<lambda>-s<seed>-<n>` for the first `n` that is free.
     ///
     /// # Errors
-    /// [`TrainError::RunExists`] when `out` exists and is not empty; [`TrainError::Io`] when it cannot be written.
+    /// [`TrainError::RunExists`] when `out` exists and is not empty; [`TrainError::File`] when it cannot be written.
     pub fn create(out: Option<&Path>, config: &RunConfig, provenance: &Provenance) -> Result<RunDirectory, TrainError> {
         let path = match out {
             Some(path) => {
@@ -80,6 +83,18 @@ pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
     Ok(RunConfig::read(&path.join(CONFIG))?)
 }
 
+/// Reads the settings of the run in a directory, also where another version of this program wrote keys that this one does
+/// not have.
+///
+/// # Errors
+/// [`TrainError::NotARun`] when there are none, [`TrainError::Config`] when they are not TOML.
+pub fn read_settings(run: &Path) -> Result<Settings, TrainError> {
+    require_run(run)?;
+    let path = run.join(CONFIG);
+    let text = std::fs::read_to_string(&path).map_err(|source| ConfigError::Read { path: path.clone(), source })?;
+    Ok(parse_settings(&path.display().to_string(), &text)?)
+}
+
 /// Reads the provenance of the run in a directory.
 ///
 /// # Errors
@@ -112,7 +127,7 @@ fn first_free(parent: &Path, config: &RunConfig, hand: &str) -> Result<PathBuf, 
         match std::fs::create_dir(&path) {
             Ok(()) => return Ok(path),
             Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-            Err(source) => return Err(io_error("create the directory", &path)(source)),
+            Err(source) => return Err(cannot("create the directory", &path)(source).into()),
         }
     }
     Err(TrainError::RunExists { path: parent.join(stem) })
@@ -126,10 +141,10 @@ pub(crate) fn lock(directory: &Path) -> Result<File, TrainError> {
         .truncate(false)
         .write(true)
         .open(&path)
-        .map_err(io_error("write to the run directory", directory))?;
+        .map_err(cannot("write to the run directory", directory))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(TrainError::Locked { path: directory.to_owned() }),
-        Err(TryLockError::Error(source)) => Err(io_error("lock", &path)(source)),
+        Err(TryLockError::Error(source)) => Err(cannot("lock", &path)(source).into()),
     }
 }

@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use eigenhand_sim::ffi::WarningCounts;
+use eigenhand_files::{cannot, write_atomically};
+use eigenhand_mujoco::WarningCounts;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
-use crate::error::io_error;
-use crate::files::write_atomically;
+use crate::error::TrainError;
 
 /// Name of the file in a run directory.
 pub const SUMMARY: &str = "summary.json";
@@ -60,6 +59,8 @@ pub struct Summary {
     pub success_rate_per_object: BTreeMap<String, f64>,
     /// Episodes of the final evaluation.
     pub eval_episodes: u64,
+    /// Those that succeeded.
+    pub eval_successes: Option<u64>,
     /// Mean over the final evaluation's successes of the deepest penetration between object and hand, in m.
     pub mean_penetration_m: Option<f64>,
     /// Training episodes before the policy that was kept.
@@ -90,13 +91,13 @@ impl Summary {
     /// Reads the file of a run directory; a run that has not ended yet has none.
     ///
     /// # Errors
-    /// [`TrainError::Io`], or [`TrainError::Damaged`] when it is not such a file.
+    /// [`TrainError::File`], or [`TrainError::Damaged`] when it is not such a file.
     pub fn read(run: &Path) -> Result<Option<Summary>, TrainError> {
         let path = run.join(SUMMARY);
         let text = match std::fs::read_to_string(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(io_error("read", &path)(error)),
+            Err(error) => return Err(cannot("read", &path)(error).into()),
         };
         serde_json::from_str(&text).map(Some).map_err(|error| TrainError::Damaged {
             path,
@@ -113,12 +114,12 @@ impl Summary {
     /// Writes the file into a run directory.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
+    /// [`TrainError::File`].
     pub fn write(&self, run: &Path) -> Result<(), TrainError> {
         let path = run.join(SUMMARY);
         let mut text = serde_json::to_string_pretty(self)
             .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
         text.push('\n');
-        write_atomically(&path, text.as_bytes())
+        Ok(write_atomically(&path, text.as_bytes())?)
     }
 }

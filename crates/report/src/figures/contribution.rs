@@ -1,5 +1,6 @@
 //! The paper's figures 3 and 4: contribution rates as bars and success as a line, along training.
 
+use eigenhand_train::MetricsRow;
 use plotters::element::{PathElement, Polygon, Rectangle};
 use plotters::style::Color;
 
@@ -64,16 +65,17 @@ fn figure(name: String, title: String, svg: String, panels: &[(f64, &Panel)]) ->
 
 impl Panel {
     fn of(group: &Group<'_>) -> Panel {
-        let band = |column: &str| {
-            let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve("episode", column)).collect();
+        let band = |value: &dyn Fn(&MetricsRow) -> Option<f64>| {
+            let episode = |row: &MetricsRow| Some(row.episode as f64);
+            let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve(episode, value)).collect();
             Band::at_common_points(&curves)
         };
         let components = group.runs.iter().map(|run| run.components).max().unwrap_or(0);
         Panel {
             label: group.label(),
-            success: band("success_rate"),
-            rates: (1..=components).map(|i| band(&format!("contribution_{i}"))).collect(),
-            sum: band("contribution_sum"),
+            success: band(&|row| row.success_rate),
+            rates: (0..components).map(|i| band(&|row| row.contribution.get(i).copied().flatten())).collect(),
+            sum: band(&|row| row.contribution_sum),
         }
     }
 

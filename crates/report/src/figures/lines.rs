@@ -1,5 +1,6 @@
 //! Curves of all lambdas in one figure.
 
+use eigenhand_train::MetricsRow;
 use plotters::element::{PathElement, Polygon};
 use plotters::style::Color;
 
@@ -15,15 +16,20 @@ const STEPS: usize = 120;
 /// Share of the errors that the axis of their distribution reaches.
 const SHOWN: f64 = 0.995;
 
+/// A number of an evaluation, where it exists.
+type Number = fn(&MetricsRow) -> Option<f64>;
+
 /// What a figure of curves says.
 struct Plot {
     name: &'static str,
     title: &'static str,
     caption: &'static str,
     x_name: &'static str,
+    /// Name of x in the figure's table.
     x_column: &'static str,
+    x: Number,
     y_name: &'static str,
-    y_column: &'static str,
+    y: Number,
     /// Factors from the files' units to those of the axes.
     scale: (f64, f64),
     y_digits: usize,
@@ -37,34 +43,37 @@ const BAND: &str = "Line: median over the runs; band: from the lowest run to the
 
 /// Draws success, contribution and error along training, and the distribution of the error.
 pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
-    let along = |name, title, y_name, y_column, scale: f64, y_digits, top| Plot {
+    let along = |name, title, y_name, y: Number, scale: f64, y_digits, top| Plot {
         name,
         title,
         caption: BAND,
         x_name: "training episodes",
         x_column: "episode",
+        x: |row| Some(row.episode as f64),
         y_name,
-        y_column,
+        y,
         scale: (1.0, scale),
         y_digits,
         top,
         marked: true,
     };
     let rate = Some(100.0);
+    let success: Number = |row| row.success_rate;
     let plots = [
-        along("success-episodes", "Success along training", "success rate (%)", "success_rate", 100.0, 0, rate),
+        along("success-episodes", "Success along training", "success rate (%)", success, 100.0, 0, rate),
         Plot {
             x_name: "wall time (min)",
             x_column: "wall_s",
+            x: |row| row.wall_s,
             scale: (1.0 / 60.0, 100.0),
             marked: false,
-            ..along("success-wall", "Success over wall time", "success rate (%)", "success_rate", 100.0, 0, rate)
+            ..along("success-wall", "Success over wall time", "success rate (%)", success, 100.0, 0, rate)
         },
         along(
             "contribution-sum",
             "Sum of the contribution rates along training",
             "sum of contribution rates (%)",
-            "contribution_sum",
+            |row| row.contribution_sum,
             100.0,
             0,
             rate,
@@ -73,7 +82,7 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
             "error-training",
             "Approximation error of the evaluation's successes",
             "mean approximation error (rad)",
-            "mean_error_rad",
+            |row| row.mean_error_rad,
             1.0,
             2,
             None,
@@ -82,8 +91,7 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     let mut figures = Vec::new();
     for plot in &plots {
         let band = |group: &Group<'_>| {
-            let curves: Vec<Vec<(f64, f64)>> =
-                group.runs.iter().map(|run| run.curve(plot.x_column, plot.y_column)).collect();
+            let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve(plot.x, plot.y)).collect();
             if plot.marked { Band::at_common_points(&curves) } else { Band::interpolated(&curves) }
         };
         figures.extend(plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>())?);
@@ -115,8 +123,9 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
                   much. Line: median over the runs; band: from the lowest run to the highest.",
         x_name: "approximation error e (rad)",
         x_column: "error_rad",
+        x: |_| None,
         y_name: "share of postures (%)",
-        y_column: "share",
+        y: |_| None,
         scale: (1.0, 100.0),
         y_digits: 0,
         top: Some(100.0),

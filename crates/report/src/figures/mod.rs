@@ -8,7 +8,7 @@ mod points;
 use std::collections::BTreeMap;
 
 use crate::ReportError;
-use crate::analysis::Analysis;
+use crate::records::Analysis;
 use crate::run::Run;
 
 pub use canvas::render_png;

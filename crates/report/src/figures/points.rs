@@ -7,7 +7,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::canvas::{Area, Axes, Drawn, INK, Key, draw, fine, head, marker, round_up, series_color, text};
 use super::{Cell, Figure, csv, label};
 use crate::ReportError;
-use crate::analysis::{Analysis, LambdaRecord, Quantity, RunRecord};
+use crate::records::{Analysis, LambdaRecord, Quantity, RunRecord};
 use crate::stats::Estimate;
 
 const OBJECTS_SIZE: (u32, u32) = (760, 420);

@@ -7,17 +7,20 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use crate::error::io_error;
 use crate::progress::Status;
 use crate::reproduce::{Member, Overview, OverviewDisplay, Progressing, Reproduction, State, state_of};
+use crate::status::{read_status, remove_status};
 use crate::{Summary, TrainError};
+use eigenhand_files::cannot;
 
 /// Time between two looks at the processes.
 const POLL: Duration = Duration::from_millis(100);
-/// Time between two looks at what they printed.
+/// Time between two looks at how far they are.
 const READ_EVERY: Duration = Duration::from_secs(1);
-/// Bytes at the end of a log that are searched for progress, and for the reason of a failure.
+/// Bytes at the end of a log that are searched for the reason of a failure.
 const TAIL: u64 = 8192;
+/// How the line begins in which a program says why it failed.
+const ERROR: &str = "error: ";
 /// Last lines of a failed run that are shown.
 const SHOWN_LINES: usize = 8;
 
@@ -54,7 +57,7 @@ struct Running<'a> {
 /// stop, which `stop` counts, the processes are interrupted and save; at the second they are killed.
 ///
 /// # Errors
-/// [`TrainError::Io`] when a process cannot be waited for, or when what it left behind cannot be read; those that run are
+/// [`TrainError::File`] when a process cannot be waited for, or when what it left behind cannot be read; those that run are
 /// stopped first. That one cannot be started is an [`Ending::Failed`] of that run.
 pub fn train(
     reproduction: &Reproduction,
@@ -125,7 +128,9 @@ impl<'a> Session<'a> {
             }
             if read.is_none_or(|read| read.elapsed() >= READ_EVERY) {
                 read = Some(Instant::now());
-                self.running.iter_mut().for_each(|running| running.status = last_status(running).or(running.status));
+                self.running
+                    .iter_mut()
+                    .for_each(|running| running.status = read_status(&running.member.run).or(running.status));
                 display.update(&self.overview());
             }
             self.reap(asked > 0, display)?;
@@ -142,7 +147,7 @@ impl<'a> Session<'a> {
         let mut i = 0;
         while i < self.running.len() {
             let running = &mut self.running[i];
-            let ended = running.child.try_wait().map_err(io_error("wait for", &running.member.run))?;
+            let ended = running.child.try_wait().map_err(cannot("wait for", &running.member.run))?;
             let Some(status) = ended else {
                 i += 1;
                 continue;
@@ -214,28 +219,23 @@ fn start<'a>(
     if member.state == State::New {
         member.clear()?;
     }
-    let log = OpenOptions::new().create(true).append(true).open(&member.log).map_err(io_error("open", &member.log))?;
-    let log_start = log.metadata().map_err(io_error("read", &member.log))?.len();
-    let second = log.try_clone().map_err(io_error("open", &member.log))?;
+    remove_status(&member.run)?;
+    let log = OpenOptions::new().create(true).append(true).open(&member.log).map_err(cannot("open", &member.log))?;
+    let log_start = log.metadata().map_err(cannot("read", &member.log))?.len();
+    let second = log.try_clone().map_err(cannot("open", &member.log))?;
     let mut command = command(member);
     command.stdin(Stdio::null()).stdout(log).stderr(second);
     // Ctrl-C on a terminal reaches every process of its group: the children are told by this one, and once.
-    #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
-    let child = command.spawn().map_err(io_error("start", Path::new(command.get_program())))?;
+    let child = command.spawn().map_err(cannot("start", Path::new(command.get_program())))?;
     Ok(Running { member, position, child, log_start, status: None })
 }
 
 /// Asks a process to save and end.
 fn interrupt(running: &mut Running<'_>) {
-    #[cfg(unix)]
-    {
-        let pid = i32::try_from(running.child.id()).ok().and_then(rustix::process::Pid::from_raw);
-        // A process that has ended meanwhile is as it should be.
-        let _ = pid.map(|pid| rustix::process::kill_process(pid, rustix::process::Signal::INT));
-    }
-    #[cfg(not(unix))]
-    kill(running);
+    let pid = i32::try_from(running.child.id()).ok().and_then(rustix::process::Pid::from_raw);
+    // A process that has ended meanwhile is as it should be.
+    let _ = pid.map(|pid| rustix::process::kill_process(pid, rustix::process::Signal::INT));
 }
 
 fn kill(running: &mut Running<'_>) {
@@ -251,12 +251,9 @@ fn ending(running: &Running<'_>, status: ExitStatus, stopping: bool) -> Result<E
         return Ok(Ending::Stopped);
     }
     let text = tail(running).unwrap_or_default();
-    let mut lines: Vec<String> = text
-        .lines()
-        .filter(|line| !line.trim().is_empty() && Status::from_line(line).is_none())
-        .map(str::to_owned)
-        .collect();
-    lines.drain(..lines.len().saturating_sub(SHOWN_LINES));
+    let mut lines: Vec<String> = text.lines().filter(|line| !line.trim().is_empty()).map(str::to_owned).collect();
+    let error = lines.iter().rposition(|line| line.starts_with(ERROR));
+    lines.drain(..error.unwrap_or(0).max(lines.len().saturating_sub(SHOWN_LINES)));
     Ok(Ending::Failed { status: status.to_string(), lines })
 }
 
@@ -279,11 +276,6 @@ fn describe(member: &Member, ending: &Ending) -> String {
             text
         }
     }
-}
-
-/// Returns the last progress that a process printed.
-fn last_status(running: &Running<'_>) -> Option<Status> {
-    tail(running).ok()?.lines().rev().find_map(Status::from_line)
 }
 
 /// Reads the end of what a process printed.

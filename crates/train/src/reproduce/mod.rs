@@ -5,12 +5,11 @@
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use crate::config::RunConfig;
-use crate::files::create_directory;
-use crate::launch::{NewRun, resolve};
+use crate::config::{RunConfig, Settings, differences};
+use crate::request::{NewRun, resolve};
 use crate::run_dir::{LOCK, is_run, lock, read_config, read_provenance};
-use crate::settings::{Settings, differences};
 use crate::{Summary, TrainError, checkpoint};
+use eigenhand_files::{cannot, create_directory};
 
 pub mod children;
 mod overview;
@@ -18,7 +17,7 @@ mod overview;
 pub use overview::{Overview, OverviewBars, OverviewDisplay, OverviewLines, Progressing, Silent};
 
 /// Keys in which the runs of one reproduction may differ: what it varies, and what no result depends on.
-const FREE: [&str; 3] = ["lambda", "seed", "workers"];
+pub const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
 /// Differing keys that an error lists before it stops.
 const LISTED: usize = 5;
 
@@ -157,7 +156,7 @@ impl Member {
     ///
     /// # Errors
     /// [`TrainError::NotARun`] when the directory holds something else, [`TrainError::Locked`] when a process that was left
-    /// behind still writes there, [`TrainError::Io`].
+    /// behind still writes there, [`TrainError::File`].
     pub(crate) fn clear(&self) -> Result<(), TrainError> {
         let foreign = |entry: &std::fs::DirEntry| {
             let name = entry.file_name();
@@ -169,19 +168,18 @@ impl Member {
             return Err(TrainError::NotARun { path: self.run.clone(), reason });
         }
         let _held = lock(&self.run)?;
-        std::fs::remove_dir_all(&self.run).map_err(crate::error::io_error("remove", &self.run))
+        Ok(std::fs::remove_dir_all(&self.run).map_err(cannot("remove", &self.run))?)
     }
 }
 
 /// Lists the run directories in a directory, by name.
 ///
 /// # Errors
-/// [`TrainError::Io`].
+/// [`TrainError::File`].
 pub fn runs_in(directory: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let read = |error| crate::error::io_error("read", directory)(error);
     let mut runs = Vec::new();
-    for entry in directory.read_dir().map_err(read)? {
-        let path = entry.map_err(read)?.path();
+    for entry in directory.read_dir().map_err(cannot("read", directory))? {
+        let path = entry.map_err(cannot("read", directory))?.path();
         if is_run(&path) {
             runs.push(path);
         }
@@ -201,7 +199,7 @@ fn check_settings(run: &Path, asked: &Settings) -> Result<(), TrainError> {
     let made = read_config(run)?.settings()?;
     let found: Vec<String> = differences(&made, asked)
         .into_iter()
-        .filter(|(key, ..)| !FREE.contains(key))
+        .filter(|(key, ..)| !VARIED.contains(key))
         .map(|(key, made, asked)| {
             let value = |side: Option<&str>| side.unwrap_or("absent").to_owned();
             format!("{key} is {} there and {} here", value(made), value(asked))

@@ -12,12 +12,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use eigenhand_files::{cannot, write_atomically};
 use record::{Event, Summary, Value, write_event};
 
-use crate::TrainError;
-use crate::error::io_error;
-use crate::files::write_atomically;
-use crate::metrics::{Row, value};
+use crate::error::TrainError;
+use crate::metrics::MetricsRow;
 
 /// How the name of an event file begins; the second at which it was written follows.
 const PREFIX: &str = "events.out.tfevents.";
@@ -32,15 +31,18 @@ const GROUPS: [(&str, &[&str]); 4] = [
     ("learner", &["critic_loss", "actor_loss", "q_mean", "target_mean", "clipped_share"]),
     ("training", &["train_success_rate", "env_steps", "updates", "diverged", "buffer_warnings"]),
 ];
-/// Columns whose growth in a second is a curve too.
-const SPEEDS: [(&str, &str); 2] = [("env_steps", "training/env_steps_per_s"), ("updates", "training/updates_per_s")];
+/// A count whose growth in a second is a curve too.
+type Count = fn(&MetricsRow) -> Option<f64>;
+
+const SPEEDS: [(Count, &str); 2] =
+    [(|row| row.env_steps, "training/env_steps_per_s"), (|row| row.updates, "training/updates_per_s")];
 
 /// The event file of a run, open for appending.
 pub struct EventFile {
     path: PathBuf,
     file: File,
     started: f64,
-    previous: Row,
+    previous: MetricsRow,
 }
 
 impl EventFile {
@@ -49,8 +51,8 @@ impl EventFile {
     /// `started` is the time at which the run began, in seconds since 1970.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
-    pub fn create(run: &Path, started: u64, rows: &[Row]) -> Result<EventFile, TrainError> {
+    /// [`TrainError::File`].
+    pub fn create(run: &Path, started: u64, rows: &[MetricsRow]) -> Result<EventFile, TrainError> {
         let older = event_files(run)?;
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |elapsed| elapsed.as_secs());
         // TensorBoard reads the files of a directory in the order of their names.
@@ -60,27 +62,28 @@ impl EventFile {
         let mut bytes = Vec::new();
         let version = Event { wall_time: started, file_version: Some(VERSION.to_owned()), ..Event::default() };
         write_event(&mut bytes, &version);
-        let mut previous = &Row::new();
+        let first = MetricsRow::default();
+        let mut previous = &first;
         for row in rows {
             write_event(&mut bytes, &event(row, previous, started));
             previous = row;
         }
         write_atomically(&path, &bytes)?;
         for (_, old) in &older {
-            fs::remove_file(old).map_err(io_error("remove", old))?;
+            fs::remove_file(old).map_err(cannot("remove", old))?;
         }
-        let file = OpenOptions::new().append(true).open(&path).map_err(io_error("open", &path))?;
+        let file = OpenOptions::new().append(true).open(&path).map_err(cannot("open", &path))?;
         Ok(EventFile { path, file, started, previous: previous.clone() })
     }
 
     /// Appends a row.
     ///
     /// # Errors
-    /// [`TrainError::Io`].
-    pub fn append(&mut self, row: &Row) -> Result<(), TrainError> {
+    /// [`TrainError::File`].
+    pub fn append(&mut self, row: &MetricsRow) -> Result<(), TrainError> {
         let mut bytes = Vec::new();
         write_event(&mut bytes, &event(row, &self.previous, self.started));
-        self.file.write_all(&bytes).map_err(io_error("write", &self.path))?;
+        self.file.write_all(&bytes).map_err(cannot("write", &self.path))?;
         self.previous.clone_from(row);
         Ok(())
     }
@@ -89,8 +92,8 @@ impl EventFile {
 /// Lists the event files of a directory with the numbers in their names.
 fn event_files(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
     let mut found = Vec::new();
-    for entry in fs::read_dir(directory).map_err(io_error("read", directory))? {
-        let path = entry.map_err(io_error("read", directory))?.path();
+    for entry in fs::read_dir(directory).map_err(cannot("read", directory))? {
+        let path = entry.map_err(cannot("read", directory))?.path();
         let name = path.file_name().and_then(|name| name.to_str());
         if let Some(number) = name.and_then(|name| name.strip_prefix(PREFIX)).and_then(|number| number.parse().ok()) {
             found.push((number, path));
@@ -100,18 +103,18 @@ fn event_files(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
 }
 
 /// (row, the row before it, start of the run) => the event of the row.
-fn event(row: &Row, previous: &Row, started: f64) -> Event {
-    let curves = row.iter().filter_map(|(column, value)| Some((tag(column)?, *value)));
-    let seconds = value(row, "wall_s") - value(previous, "wall_s");
-    let speeds = SPEEDS.iter().map(|(column, tag)| {
-        let count = value(row, column) - value(previous, column);
-        ((*tag).to_owned(), if seconds > 0.0 { count / seconds } else { f64::NAN })
-    });
+fn event(row: &MetricsRow, previous: &MetricsRow, started: f64) -> Event {
+    let curves = row.cells().into_iter().filter_map(|(column, value)| Some((tag(&column)?, value?)));
+    let grown = |count: Count| count(row).unwrap_or(0.0) - count(previous).unwrap_or(0.0);
+    let seconds = grown(|row| row.wall_s);
+    let speeds = SPEEDS
+        .iter()
+        .map(|(count, tag)| ((*tag).to_owned(), if seconds > 0.0 { grown(*count) / seconds } else { f64::NAN }));
     let present = curves.chain(speeds).filter(|(_, value)| value.is_finite());
     let values = present.map(|(tag, value)| Value { tag, simple_value: Some(value as f32) }).collect();
     Event {
-        wall_time: started + value(row, "wall_s").max(0.0),
-        step: value(row, "episode") as i64,
+        wall_time: started + row.wall_s.unwrap_or(0.0).max(0.0),
+        step: row.episode as i64,
         file_version: None,
         summary: Some(Summary { value: values }),
     }
@@ -132,17 +135,17 @@ mod tests {
     use super::*;
     use record::tests::read_events;
 
-    fn row(episode: f64, wall_s: f64, env_steps: f64, loss: f64) -> Row {
-        let columns = [
-            ("episode", episode),
-            ("env_steps", env_steps),
-            ("wall_s", wall_s),
-            ("success_rate", 0.5),
-            ("success_rate_cube", 0.25),
-            ("contribution_1", 0.75),
-            ("critic_loss", loss),
-        ];
-        columns.map(|(name, value)| (name.to_owned(), value)).to_vec()
+    fn row(episode: u64, wall_s: f64, env_steps: f64, critic_loss: Option<f64>) -> MetricsRow {
+        MetricsRow {
+            episode,
+            env_steps: Some(env_steps),
+            wall_s: Some(wall_s),
+            success_rate: Some(0.5),
+            success_rate_per_object: [("cube".to_owned(), Some(0.25))].into(),
+            contribution: vec![Some(0.75)],
+            critic_loss,
+            ..MetricsRow::default()
+        }
     }
 
     /// Step, time, and values by name.
@@ -163,8 +166,8 @@ mod tests {
     fn a_row_becomes_an_event_with_the_values_that_exist() {
         let directory = tempfile::tempdir().expect("a directory");
         let mut file = EventFile::create(directory.path(), 1000, &[]).expect("writable");
-        file.append(&row(200.0, 10.0, 2000.0, f64::NAN)).expect("writable");
-        file.append(&row(400.0, 15.0, 4000.0, 0.125)).expect("writable");
+        file.append(&row(200, 10.0, 2000.0, None)).expect("writable");
+        file.append(&row(400, 15.0, 4000.0, Some(0.125))).expect("writable");
         let read = read(directory.path());
         let value = |event: usize, tag: &str| read[event].2.iter().find(|(t, _)| t == tag).map(|(_, value)| *value);
         assert_eq!((read[0].0, read[0].1), (200, 1010.0));
@@ -181,7 +184,8 @@ mod tests {
 
     #[test]
     fn a_file_that_is_written_anew_holds_the_kept_rows_once() {
-        let rows = [row(200.0, 10.0, 2000.0, 1.0), row(400.0, 15.0, 4000.0, 0.5), row(600.0, 17.0, 6000.0, 0.25)];
+        let rows = [(200, 10.0, 2000.0, 1.0), (400, 15.0, 4000.0, 0.5), (600, 17.0, 6000.0, 0.25)]
+            .map(|(episode, wall_s, steps, loss)| row(episode, wall_s, steps, Some(loss)));
         let whole = tempfile::tempdir().expect("a directory");
         let mut file = EventFile::create(whole.path(), 7, &[]).expect("writable");
         rows.iter().for_each(|row| file.append(row).expect("writable"));

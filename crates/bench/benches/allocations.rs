@@ -1,0 +1,42 @@
+//! Counts the allocations in the loops of training.
+//!
+//! `cargo bench --package eigenhand-bench --bench allocations [-- --hand NAME] [--plugins DIR]` prints a line of JSON;
+//! `cargo xtask bench allocations` runs it. It is a program of its own because its allocator counts.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use eigenhand_bench::{AllocationCounts, BenchError, BenchSetting, allocations};
+use eigenhand_hands::SearchPath;
+
+fn main() -> ExitCode {
+    let found = count().map_err(|error| error.to_string());
+    match found.and_then(|counts| serde_json::to_string(&counts).map_err(|error| error.to_string())) {
+        Ok(text) => {
+            println!("{text}");
+            ExitCode::SUCCESS
+        }
+        Err(reason) => {
+            eprintln!("error: {reason}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn count() -> Result<AllocationCounts, BenchError> {
+    let (mut hand, mut plugins) = (None, Vec::new());
+    let mut arguments = std::env::args().skip(1);
+    // What else there is comes from cargo.
+    while let Some(argument) = arguments.next() {
+        match argument.as_str() {
+            "--hand" => hand = arguments.next(),
+            "--plugins" => plugins.extend(arguments.next().map(PathBuf::from)),
+            _ => {}
+        }
+    }
+    let hands = SearchPath::from_environment(&plugins);
+    allocations(&BenchSetting { hand, hands, duration: Duration::ZERO }, &|work| {
+        allocation_counter::measure(work).count_total
+    })
+}

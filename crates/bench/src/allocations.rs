@@ -1,0 +1,136 @@
+//! Allocations in the loops that training spends its time in.
+//!
+//! Who counts them comes in from outside, because it takes another allocator: `benches/allocations.rs` has one.
+
+use eigenhand_hands::Hand;
+use eigenhand_mujoco::MuJoCo;
+use eigenhand_rl::{Batch, ExplorationConfig, HerConfig, rng, sample_batch};
+use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
+use eigenhand_synergy::Synergy;
+use eigenhand_train::config::RunConfig;
+use eigenhand_train::feedback::{Feedback, GraspReward, Penalty};
+use eigenhand_train::{Behaviour, EpisodeJob, actuation_map, episode_shape, joint_infos, run_episode, task_of};
+use rand::RngExt;
+use serde::{Deserialize, Serialize};
+
+use crate::error::BenchError;
+use crate::learner::Bench;
+use crate::setting::BenchSetting;
+
+/// Updates, and samplings, over which is averaged.
+const UPDATES: u64 = 20;
+/// Episodes over which is averaged.
+const EPISODES: u64 = 4;
+/// Postures of the synergy in the reward.
+const POSTURES: usize = 200;
+
+/// Work whose allocations are counted.
+pub type Work<'a> = &'a mut dyn FnMut();
+/// Does work, and returns the number of allocations that its thread made meanwhile.
+pub type Counter<'a> = &'a (dyn Fn(Work) -> u64 + Sync);
+
+/// Allocations of the default configuration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct AllocationCounts {
+    /// For an update of the networks, with feedback of a synergy into the actor.
+    pub per_update: f64,
+    /// For a minibatch that is drawn and relabelled, with rewards that a synergy is part of.
+    pub per_sampling: f64,
+    /// For a step of an episode: policy, exploration, simulation, observation and facts.
+    pub per_env_step: f64,
+    /// For an episode, whatever its length.
+    pub per_episode: f64,
+}
+
+/// Counts the allocations of the default configuration.
+///
+/// # Errors
+/// As [`GraspTask::new`].
+pub fn allocations(setting: &BenchSetting, count: Counter) -> Result<AllocationCounts, BenchError> {
+    let (config, hand, library) = setting.load()?;
+    let task = task_of(&config, &hand, &library)?;
+    let (per_update, per_sampling) = of_learner(&config, &hand, &task, count)?;
+    let steps = config.task.steps;
+    let whole = of_episodes(&config, steps, &hand, &library, count)?;
+    let half = of_episodes(&config, steps / 2, &hand, &library, count)?;
+    let per_env_step = (whole - half) / (steps - steps / 2).max(1) as f64;
+    Ok(AllocationCounts { per_update, per_sampling, per_env_step, per_episode: whole - per_env_step * steps as f64 })
+}
+
+/// Returns the allocations of an update, and of drawing its minibatch.
+fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter) -> Result<(f64, f64), BenchError> {
+    let shape = episode_shape(task);
+    let joints = joint_infos(task)?;
+    let mut random = rng::stream(0, "bench", 0);
+    let mut posture = || joints.iter().map(|_| random.random_range(-1.0..1.0)).collect();
+    let postures: Vec<Vec<f64>> = (0..POSTURES).map(|_| posture()).collect();
+    let synergy = Synergy::fit(&joints, &postures, config.synergy.components)?;
+    // The literal penalty, because the default has none.
+    let mut feedback = Feedback::new(1.0, Penalty::Literal, 1.0, 0);
+    feedback.follow(Some(synergy));
+    let cost = feedback.action_cost(&actuation_map(hand, task));
+    // The learner's bench holds its objects; so every step succeeds, and has both penalty and cost.
+    let config_of_success = RewardConfig { success_distance: f64::MAX };
+    let reward = GraspReward { config: config_of_success, n_joints: joints.len(), feedback };
+    let Bench { mut learner, replay, threads, .. } = Bench::new(config.learner.clone(), shape, 1)?;
+    let mut batch = Batch::new(config.learner.batch_size, shape);
+    let her: &HerConfig = &config.her;
+    let mut number = 0;
+    let mut outcome = Ok(());
+    let mut sample = || {
+        number += 1;
+        let mut random = rng::stream(config.seed, "replay", number);
+        let drawn = sample_batch(&replay, her, &mut random, &reward, &mut batch);
+        if outcome.is_ok() {
+            outcome = drawn;
+        }
+    };
+    sample();
+    let samplings = count(&mut || (0..UPDATES).for_each(|_| sample()));
+    outcome?;
+    learner.set_action_cost(cost);
+    let updates = threads.install(|| {
+        learner.update(&batch, &mut random);
+        count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch, &mut random)))
+    });
+    Ok((updates as f64 / UPDATES as f64, samplings as f64 / UPDATES as f64))
+}
+
+/// Returns the allocations of an episode with a number of steps.
+fn of_episodes(
+    config: &RunConfig,
+    steps: usize,
+    hand: &Hand,
+    library: &std::sync::Arc<MuJoCo>,
+    count: Counter,
+) -> Result<f64, BenchError> {
+    let mut config = config.clone();
+    config.task.steps = steps.max(config.task.final_steps);
+    let task = task_of(&config, hand, library)?;
+    let mut env = GraspEnv::new(&task)?;
+    let mut random = rng::stream(config.seed, "init", 0);
+    let sizes = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
+    let learner = eigenhand_rl::Ddpg::new(config.learner.clone(), sizes.0, sizes.1, sizes.2, &mut random)?;
+    let noisy = ExplorationConfig { noise_free_share: 0.0, ..config.exploration.clone() };
+    let mut job = EpisodeJob {
+        seed: config.seed,
+        stream: "bench",
+        index: 0,
+        scene: Some(0),
+        policy: learner.policy(eigenhand_rl::Which::Online),
+        behaviour: Behaviour::Explore(noisy.into()),
+    };
+    let mut scratch = job.policy.scratch();
+    run_episode(&mut env, &mut scratch, &job)?;
+    let mut outcome = Ok(());
+    let total = count(&mut || {
+        for index in 0..EPISODES {
+            job.index = index;
+            if let Err(error) = run_episode(&mut env, &mut scratch, &job) {
+                outcome = Err(error);
+            }
+        }
+    });
+    outcome?;
+    Ok(total as f64 / EPISODES as f64)
+}

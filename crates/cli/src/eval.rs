@@ -1,0 +1,97 @@
+//! `eigenhand eval`
+
+use std::path::PathBuf;
+
+use eigenhand_train::{Assessment, FinishedRun};
+
+use crate::output::{Outcome, percent, print, print_json, table};
+use crate::{search_path, setup};
+
+const EPISODES: u64 = 200;
+
+/// Measures a run's success without exploration, on episodes that training never drew
+#[derive(clap::Args)]
+#[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
+    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.object_friction=[0.8,0.01,0.002]'")]
+pub struct Args {
+    /// Run directory
+    run: PathBuf,
+    /// Episodes, the objects in turn
+    #[arg(long, value_name = "N", default_value_t = EPISODES, value_parser = clap::value_parser!(u64).range(1..))]
+    episodes: u64,
+    /// Seed of the episodes
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Threads that simulate; 0 means one for each core
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    workers: usize,
+    /// One setting of the scene, other than in training, such as physics.noslip_iterations=0; can be given several times
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    assignments: Vec<String>,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints one JSON document on standard output
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let run = {
+        let hands = search_path(&args.plugins);
+        setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &args.assignments))?
+    };
+    let workers = eigenhand_train::config::worker_count(args.workers);
+    if !args.json {
+        let hand = &run.hand.manifest.name;
+        eprintln!(
+            "evaluating {hand} of {} on {} fresh episodes, seed {}{}{}",
+            args.run.display(),
+            args.episodes,
+            args.seed,
+            if args.assignments.is_empty() { "" } else { ", with " },
+            args.assignments.join(", ")
+        );
+    }
+    let found = run.evaluate(args.episodes, args.seed, workers)?;
+    if args.json {
+        print_json(&found)?
+    } else {
+        print(&describe(&found))?
+    }
+    Ok(Outcome::Done)
+}
+
+fn describe(found: &Assessment) -> String {
+    let row = |name: &str, successes: u64, episodes: u64, rate: f64, [low, high]: [f64; 2]| {
+        let interval = format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high);
+        vec![name.to_owned(), episodes.to_string(), successes.to_string(), percent(rate), interval]
+    };
+    let heads = ["object", "episodes", "successes", "success", "95 % interval"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    if found.objects.len() > 1 {
+        rows.extend(found.objects.iter().map(|o| row(&o.object, o.successes, o.episodes, o.success_rate, o.interval)));
+    }
+    let name = match found.objects.as_slice() {
+        [only] => &only.object,
+        _ => "all",
+    };
+    rows.push(row(name, found.successes, found.episodes, found.success_rate, found.interval));
+    let mut text = table(&rows);
+    text.push_str(&format!(
+        "at the end the object is {:.1} cm from the goal on average",
+        100.0 * found.mean_final_distance_m
+    ));
+    if found.successes > 0 {
+        let depth = 1000.0 * found.mean_penetration_m;
+        text.push_str(&format!(", and {depth:.1} mm deep in the hand's surface in successes"));
+    }
+    text.push('\n');
+    if found.diverged > 0 {
+        text.push_str(&format!("{} episodes diverged and count as failures\n", found.diverged));
+    }
+    text
+}

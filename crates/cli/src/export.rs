@@ -1,0 +1,54 @@
+//! `eigenhand export`
+
+use std::path::PathBuf;
+
+use eigenhand_train::FinishedRun;
+use serde::Serialize;
+
+use crate::output::{Outcome, print, print_json};
+use crate::{search_path, setup};
+
+/// Writes what a controller takes home from a run: the synergy, the policy, and scenes for plain MuJoCo
+#[derive(clap::Args)]
+#[command(after_help = "Example:\n  eigenhand export runs/shadow-quick-l1-s1-1 --out my-shadow")]
+pub struct Args {
+    /// Run directory
+    run: PathBuf,
+    /// Directory to write: new, empty, or an earlier export
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints one JSON document on standard output
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    run: &'a PathBuf,
+    out: &'a PathBuf,
+    files: &'a [PathBuf],
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let run = {
+        let hands = search_path(&args.plugins);
+        setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &[]))?
+    };
+    let files = run.export(&args.out)?;
+    if args.json {
+        print_json(&Report { run: &args.run, out: &args.out, files: &files })?;
+        return Ok(Outcome::Done);
+    }
+    let listed: String = files.iter().map(|file| format!("{}\n", file.display())).collect();
+    print(&listed)?;
+    if !files.iter().any(|file| file.ends_with("synergy/synergy.toml")) {
+        eprintln!("note: the run has too few postures for a synergy, so only policy and scenes were written");
+    }
+    Ok(Outcome::Done)
+}

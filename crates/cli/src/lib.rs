@@ -1,0 +1,85 @@
+//! The commands of the program `eigenhand`, which `cargo xtask` has too: each parses its arguments, calls the libraries,
+//! and prints.
+// The doc comments of arguments are what --help prints, with placeholders in angle brackets.
+#![allow(rustdoc::invalid_html_tags)]
+#![forbid(unsafe_code)]
+
+mod bench;
+mod bundled;
+mod doctor;
+mod eval;
+mod export;
+mod hands;
+pub mod output;
+mod places;
+mod program;
+mod report;
+mod reproduce;
+pub mod setup;
+mod train;
+
+use std::process::ExitCode;
+
+use clap::Subcommand;
+
+use crate::output::Outcome;
+
+pub use places::search_path;
+pub use program::{check_examples, speak_as};
+
+/// Exit status of a wrong command line, as clap has it too.
+const USAGE: u8 = 2;
+
+/// What a user can ask for.
+#[derive(Subcommand)]
+pub enum Command {
+    #[allow(missing_docs)]
+    Train(Box<train::Args>),
+    #[allow(missing_docs)]
+    Eval(eval::Args),
+    #[allow(missing_docs)]
+    Reproduce(Box<reproduce::Args>),
+    #[allow(missing_docs)]
+    Report(report::Args),
+    #[allow(missing_docs)]
+    Export(export::Args),
+    #[allow(missing_docs)]
+    Hands(hands::Args),
+    #[allow(missing_docs)]
+    Bench(bench::Args),
+    #[allow(missing_docs)]
+    Doctor(doctor::Args),
+}
+
+impl Command {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Whatever went wrong, in words for the user.
+    pub fn run(&self) -> anyhow::Result<Outcome> {
+        match self {
+            Command::Train(args) => train::run(args),
+            Command::Eval(args) => eval::run(args),
+            Command::Reproduce(args) => reproduce::run(args),
+            Command::Report(args) => report::run(args),
+            Command::Export(args) => export::run(args),
+            Command::Hands(args) => hands::run(args),
+            Command::Bench(args) => bench::run(args),
+            Command::Doctor(args) => doctor::run(args),
+        }
+    }
+}
+
+/// Reports how a command ended, and returns the exit status that says so: 0 for success, 1 for a failure, 2 for a wrong
+/// command line, 130 after Ctrl-C.
+pub fn exit(outcome: anyhow::Result<Outcome>) -> ExitCode {
+    match outcome {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::Failed) => ExitCode::FAILURE,
+        Ok(Outcome::Interrupted) => ExitCode::from(train::INTERRUPTED),
+        Err(error) => {
+            output::report(&error);
+            if output::is_usage(&error) { ExitCode::from(USAGE) } else { ExitCode::FAILURE }
+        }
+    }
+}

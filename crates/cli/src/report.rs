@@ -1,0 +1,91 @@
+//! `eigenhand report`
+
+use std::path::{Path, PathBuf};
+
+use eigenhand_report::{Analysis, Report, read_runs, write};
+use serde::Serialize;
+
+use crate::output::{Outcome, percent, print, print_json, table};
+
+/// Directory of a report beside or in what it is on.
+const DIRECTORY: &str = "report";
+
+const EXAMPLES: &str = "\
+A run may be unfinished: its curves so far are shown, and it is named as missing from the results.
+
+Examples:
+  eigenhand report runs/shadow-default-l1-s1-1 runs/shadow-default-l0-s1-1 --out lambda
+  eigenhand report runs/reproduce-shadow-default";
+
+/// Writes an HTML page with figures, tables and statistics on runs
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// Run directories, or directories of them
+    #[arg(required = true, value_name = "RUN")]
+    runs: Vec<PathBuf>,
+    /// Directory for the report [default: report, in the one that is named or else here]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Prints what the report says as JSON on standard output
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Printed<'a> {
+    page: &'a Path,
+    #[serde(flatten)]
+    analysis: &'a Analysis,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let runs = read_runs(&args.runs)?;
+    let out = match (&args.out, args.runs.as_slice()) {
+        (Some(out), _) => out.clone(),
+        (None, [only]) => only.join(DIRECTORY),
+        (None, _) => PathBuf::from(DIRECTORY),
+    };
+    let report = write(&runs, &out)?;
+    show(&report, args.json)?;
+    Ok(Outcome::Done)
+}
+
+/// Writes the report of a directory of runs into it.
+pub fn of_directory(directory: &Path) -> anyhow::Result<Report> {
+    Ok(write(&read_runs(&[directory.to_owned()])?, &directory.join(DIRECTORY))?)
+}
+
+/// Prints what a report says.
+pub fn show(report: &Report, json: bool) -> anyhow::Result<()> {
+    if json {
+        return print_json(&Printed { page: &report.page, analysis: &report.analysis });
+    }
+    let mut text = runs(&report.analysis);
+    for sentence in report.analysis.notes.iter().chain(&report.analysis.statements) {
+        text.push_str(&format!("- {sentence}\n"));
+    }
+    text.push_str(&format!("report: {}\n", report.page.display()));
+    print(&text)
+}
+
+fn runs(analysis: &Analysis) -> String {
+    let heads = ["run", "lambda", "seed", "state", "success", "contribution", "error (rad)", "postures", "minutes"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    for run in &analysis.runs {
+        let share = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), percent);
+        rows.push(vec![
+            run.run.clone(),
+            run.lambda.to_string(),
+            run.seed.to_string(),
+            run.state.to_owned(),
+            share(run.success_rate),
+            share(run.contribution_sum),
+            run.mean_error_rad.map_or_else(|| "-".to_owned(), |error| format!("{error:.3}")),
+            run.n_postures.to_string(),
+            run.wall_s.map_or_else(|| "-".to_owned(), |seconds| format!("{:.1}", seconds / 60.0)),
+        ]);
+    }
+    table(&rows)
+}

@@ -1,0 +1,248 @@
+//! `eigenhand reproduce`
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use anyhow::Context;
+use eigenhand_report::counted;
+use eigenhand_train::config::worker_count;
+use eigenhand_train::reproduce::children::{Ending, train};
+use eigenhand_train::reproduce::{
+    Member, OverviewBars, OverviewDisplay, OverviewLines, Reproduction, Request, Silent, State,
+};
+use eigenhand_train::request::NewRun;
+
+use crate::output::Outcome;
+use crate::train::SettingsArgs;
+use crate::{program, report, setup};
+
+/// The hand of the paper's experiment.
+const HAND: &str = "shadow";
+/// Cores that one run keeps busy: one learns while another simulates.
+const CORES_PER_RUN: usize = 2;
+/// Time between two lines of progress where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(30);
+
+const EXAMPLES: &str = "\
+Each run is a process of its own and has a directory l<lambda>-s<seed>, with what it printed in l<lambda>-s<seed>.log
+beside it. The same command again goes on where it stopped: complete runs are kept, interrupted ones resumed. Ctrl-C
+stops all of them with everything saved (exit status 130); Ctrl-C again stops at once.
+
+Examples:
+  eigenhand reproduce --lambda 0,0.5,1 --seeds 1,2,3 --out runs/three-lambdas
+  eigenhand reproduce --preset quick --seeds 3 --set learner.gamma=0.95
+  eigenhand reproduce";
+
+/// Trains the paper's experiment, lambda 0 and 1 over several seeds, and writes the report on it
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// Hand to train, by name or directory [default: shadow, or what the configuration file names]
+    #[arg(long, value_name = "NAME")]
+    hand: Option<String>,
+    #[command(flatten)]
+    settings: SettingsArgs,
+    /// Weights of the synergy's feedback, separated by commas
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
+    lambda: Vec<f64>,
+    /// Number of seeds, from 1 on, or a list such as 1,2,5 or 4-8
+    #[arg(long, value_name = "SEEDS", default_value = "5", value_parser = parse_seeds)]
+    seeds: Seeds,
+    /// Runs side by side [default: one for every two cores]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    jobs: Option<u64>,
+    /// Directory of the runs [default: runs/reproduce-<hand>-<preset>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Prints what the report says as JSON on standard output
+    #[arg(long)]
+    json: bool,
+    /// Shows no progress
+    #[arg(long)]
+    quiet: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+/// Seeds as the command line names them.
+#[derive(Clone, Debug, PartialEq)]
+struct Seeds(Vec<u64>);
+
+/// `5` => 1 to 5; `1,2,5` and `4-8` => those
+fn parse_seeds(text: &str) -> Result<Seeds, String> {
+    const MOST: u64 = 1000;
+    let number = |text: &str| {
+        let read = text.trim().parse::<u64>().ok().filter(|n| *n <= crate::train::LARGEST);
+        read.ok_or_else(|| format!("{text:?} is no seed: expected a number such as 5, or a list such as 1,2,5 or 4-8"))
+    };
+    let range = |first: u64, last: u64| match last.checked_sub(first) {
+        Some(more) if more < MOST => Ok((first..=last).collect::<Vec<u64>>()),
+        Some(_) => Err(format!("these are more than {MOST} seeds")),
+        None => Err(format!("{first}-{last} is empty: the first is greater than the last")),
+    };
+    if !text.contains([',', '-']) {
+        return match number(text)? {
+            0 => Err("expected at least one seed".to_owned()),
+            n => range(1, n).map(Seeds),
+        };
+    }
+    let mut seeds = Vec::new();
+    for part in text.split(',').filter(|part| !part.trim().is_empty()) {
+        match part.split_once('-') {
+            Some((first, last)) => seeds.extend(range(number(first)?, number(last)?)?),
+            None => seeds.push(number(part)?),
+        }
+    }
+    if seeds.is_empty() { Err("expected at least one seed".to_owned()) } else { Ok(Seeds(seeds)) }
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    setup::ensure_mujoco(&args.install)?;
+    let reproduction = Reproduction::prepare(&args.request())?;
+    let waiting = reproduction.members.iter().filter(|member| member.state != State::Complete).count();
+    let cores = worker_count(0);
+    let jobs = args.jobs.map_or_else(|| (cores / CORES_PER_RUN).max(1), |jobs| jobs as usize).min(waiting.max(1));
+    let workers = (cores / jobs).max(1);
+    if !args.quiet {
+        eprint!("{}", heading(&reproduction, jobs, workers));
+    }
+    let stop = count_signals()?;
+    let mut display: Box<dyn OverviewDisplay> = if args.quiet {
+        Box::new(Silent)
+    } else if std::io::stderr().is_terminal() {
+        Box::new(OverviewBars::new())
+    } else {
+        Box::new(OverviewLines::new(LINE_EVERY))
+    };
+    let program = own_program()?;
+    let command = |member: &Member| {
+        let mut command = Command::new(&program);
+        std::os::unix::process::CommandExt::arg0(&mut command, std::env::args_os().next().unwrap_or_default());
+        command.args(args.arguments(member, workers));
+        command
+    };
+    let endings = train(&reproduction, jobs, &stop, &command, display.as_mut())?;
+    let failed: Vec<&str> = names(&reproduction, &endings, |ending| matches!(ending, Ending::Failed { .. }));
+    if stop.load(Ordering::Relaxed) > 0 && endings.contains(&Ending::Stopped) {
+        eprintln!("continue with: {}", same_command());
+        return Ok(Outcome::Interrupted);
+    }
+    if failed.is_empty() || failed.len() < endings.len() {
+        let report = report::of_directory(&reproduction.directory)?;
+        report::show(&report, args.json)?;
+    }
+    if failed.is_empty() {
+        return Ok(Outcome::Done);
+    }
+    eprintln!("failed: {}; try again with: {}", failed.join(", "), same_command());
+    Ok(Outcome::Failed)
+}
+
+impl Args {
+    fn request(&self) -> Request {
+        let settings = NewRun { hand: self.hand(), ..self.settings.new_run() };
+        Request { settings, lambdas: self.lambda.clone(), seeds: self.seeds.0.clone(), out: self.out.clone() }
+    }
+
+    /// The hand that is named, or the paper's where no other layer can name one.
+    fn hand(&self) -> Option<String> {
+        let SettingsArgs { config, assignments, .. } = &self.settings;
+        let elsewhere = config.is_some() || assignments.iter().any(|a| a.trim_start().starts_with("hand"));
+        self.hand.clone().or_else(|| (!elsewhere).then(|| HAND.to_owned()))
+    }
+
+    /// Arguments of this program that train a member, or resume it.
+    fn arguments(&self, member: &Member, workers: usize) -> Vec<std::ffi::OsString> {
+        let mut arguments = vec!["train".into(), "--no-install".into(), "--workers".into(), workers.to_string().into()];
+        let mut option = |name: &str, value: std::ffi::OsString| arguments.extend([name.into(), value]);
+        if member.state != State::New {
+            self.settings.plugins.iter().for_each(|directory| option("--plugins", directory.into()));
+            option("--resume", member.run.clone().into());
+            return arguments;
+        }
+        option("--lambda", member.lambda.to_string().into());
+        option("--seed", member.seed.to_string().into());
+        option("--out", member.run.clone().into());
+        if let Some(hand) = self.hand() {
+            option("--hand", hand.into());
+        }
+        arguments.extend(self.settings.arguments());
+        arguments
+    }
+}
+
+fn names<'a>(reproduction: &'a Reproduction, endings: &[Ending], chosen: impl Fn(&Ending) -> bool) -> Vec<&'a str> {
+    let pairs = reproduction.members.iter().zip(endings);
+    pairs.filter(|(_, ending)| chosen(ending)).map(|(member, _)| member.name.as_str()).collect()
+}
+
+fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
+    let Reproduction { directory, hand, config, members, .. } = reproduction;
+    let count = |chosen: fn(&State) -> bool| members.iter().filter(|member| chosen(&member.state)).count();
+    let complete = count(|state| *state == State::Complete);
+    let interrupted = count(|state| matches!(state, State::Interrupted { .. }));
+    let names: Vec<&str> = members.iter().map(|member| member.name.as_str()).collect();
+    format!(
+        "runs      {}/\nhand      {hand}, preset {}\ntraining  {} of {} episodes: {}\n          {complete} complete, \
+         {interrupted} to be resumed, {jobs} side by side with {} each\n",
+        directory.display(),
+        config.preset.name(),
+        counted(members.len(), "run"),
+        config.episodes,
+        names.join(", "),
+        counted(workers, "worker"),
+    )
+}
+
+/// Returns this program for starting it again: where the system can, the very one that runs, also when its file has been
+/// built anew meanwhile, so that all runs are made by the same.
+fn own_program() -> anyhow::Result<PathBuf> {
+    let running = PathBuf::from("/proc/self/exe");
+    if running.exists() { Ok(running) } else { std::env::current_exe().context("cannot find this program's own file") }
+}
+
+/// Counts Ctrl-C and SIGTERM.
+fn count_signals() -> anyhow::Result<Arc<AtomicUsize>> {
+    let stop = Arc::new(AtomicUsize::new(0));
+    let counter = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if counter.fetch_add(1, Ordering::Relaxed) == 0 {
+            let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
+            eprintln!("{newline}stopping all runs with everything saved; Ctrl-C again stops at once{newline}");
+        }
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(stop)
+}
+
+/// The command line as it can be typed again.
+fn same_command() -> String {
+    let word = |word: String| {
+        let plain = |c: char| c.is_ascii_alphanumeric() || "-_=./,:+@%".contains(c);
+        if !word.is_empty() && word.chars().all(plain) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }
+    };
+    let words: Vec<String> = std::env::args().skip(1).map(word).collect();
+    program::line(&words.join(" "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_are_a_number_or_a_list() {
+        let seeds = |text: &str| parse_seeds(text).map(|seeds| seeds.0);
+        assert_eq!(seeds("3"), Ok(vec![1, 2, 3]));
+        assert_eq!(seeds("7,1"), Ok(vec![7, 1]));
+        assert_eq!(seeds("9,"), Ok(vec![9]));
+        assert_eq!(seeds("4-6,1"), Ok(vec![4, 5, 6, 1]));
+        for wrong in ["0", "", ",", "a", "1,b", "5-3", "1-", "9999999", "0-99999999999"] {
+            assert!(seeds(wrong).is_err(), "{wrong}");
+        }
+    }
+}

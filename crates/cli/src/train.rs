@@ -1,0 +1,341 @@
+//! `eigenhand train`
+
+use std::ffi::OsString;
+use std::fmt::Write;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::Context;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+use eigenhand_report::counted;
+use eigenhand_train::config::Preset;
+use eigenhand_train::request::{Launch, NewRun, Plan, ResumedRun};
+use eigenhand_train::{Bar, Lines, Progress, Silent, StoppedBy, Summary, TrainError};
+use serde::Serialize;
+
+use crate::output::{Outcome, duration, percent, print, print_json};
+use crate::{program, search_path, setup};
+
+/// Exit status of a program that Ctrl-C ended, by the shell's convention.
+pub const INTERRUPTED: u8 = 130;
+/// Time between two lines of progress where there is no terminal.
+const LINE_EVERY: Duration = Duration::from_secs(20);
+/// Largest seed and count that a TOML integer holds.
+pub const LARGEST: u64 = i64::MAX as u64;
+
+const EXAMPLES: &str = "\
+The layers of the configuration, each overriding the one before it: defaults, --preset, --config, --set, options.
+Ctrl-C stops after the present cycle with everything saved (exit status 130); Ctrl-C again stops at once.
+
+Examples:
+  eigenhand train --hand shadow
+  eigenhand train --hand shadow --lambda 0 --objects cube,sphere --set learner.gamma=0.95
+  eigenhand train --resume runs/shadow-default-l1-s1-1
+  eigenhand train --hand shadow --preset quick --seed 1";
+
+/// Trains a hand to grasp and lift, and extracts its synergy
+#[derive(clap::Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Args {
+    /// Hand to train, by name (see `eigenhand hands list`) or directory
+    #[arg(long, value_name = "NAME")]
+    hand: Option<String>,
+    #[command(flatten)]
+    settings: SettingsArgs,
+    /// Weight of the synergy's feedback; 0 turns it off
+    #[arg(long, value_name = "X")]
+    lambda: Option<f64>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=LARGEST))]
+    seed: Option<u64>,
+    /// Run directory [default: runs/<hand>-<preset>-l<lambda>-s<seed>-<n>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Continues the run in this directory
+    #[arg(
+        long,
+        value_name = "DIR",
+        conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out"]
+    )]
+    resume: Option<PathBuf>,
+    /// Threads that simulate, and that share the updates; 0 means one for each core. The result does not depend on it
+    #[arg(long, value_name = "N")]
+    workers: Option<usize>,
+    /// Event files for TensorBoard in the run directory, or none [default: true]
+    #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
+    tensorboard: Option<bool>,
+    /// Prints the summary as JSON on standard output
+    #[arg(long)]
+    json: bool,
+    /// Shows no progress
+    #[arg(long)]
+    quiet: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+/// Options of every command that makes runs.
+#[derive(clap::Args)]
+pub struct SettingsArgs {
+    /// Settings to start from [default: default, or what the configuration file names]
+    #[arg(long, value_name = "NAME", value_parser = preset_parser())]
+    pub preset: Option<Preset>,
+    /// Training episodes of a run in all
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
+    pub episodes: Option<u64>,
+    /// Objects to grasp, separated by commas
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub objects: Option<Vec<String>>,
+    /// Configuration file
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// One setting, such as learner.gamma=0.95; can be given several times
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    pub assignments: Vec<String>,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    pub plugins: Vec<PathBuf>,
+}
+
+impl SettingsArgs {
+    /// Returns the command line that says the same.
+    pub fn arguments(&self) -> Vec<OsString> {
+        let SettingsArgs { preset, episodes, objects, config, assignments, plugins } = self;
+        let mut arguments: Vec<OsString> = Vec::new();
+        let mut option = |name: &str, value: OsString| arguments.extend([name.into(), value]);
+        if let Some(preset) = preset {
+            option("--preset", preset.name().into());
+        }
+        if let Some(episodes) = episodes {
+            option("--episodes", episodes.to_string().into());
+        }
+        if let Some(objects) = objects {
+            option("--objects", objects.join(",").into());
+        }
+        if let Some(file) = config {
+            option("--config", file.into());
+        }
+        assignments.iter().for_each(|assignment| option("--set", assignment.into()));
+        plugins.iter().for_each(|directory| option("--plugins", directory.into()));
+        arguments
+    }
+
+    /// Returns a run with these settings and no others.
+    pub fn new_run(&self) -> NewRun {
+        NewRun {
+            preset: self.preset,
+            file: self.config.clone(),
+            assignments: self.assignments.clone(),
+            episodes: self.episodes,
+            objects: self.objects.clone(),
+            hands: search_path(&self.plugins),
+            ..NewRun::default()
+        }
+    }
+}
+
+/// Reads the name of a preset, and says in `--help` what each is.
+fn preset_parser() -> impl TypedValueParser<Value = Preset> {
+    let values = Preset::ALL.map(|preset| PossibleValue::new(preset.name()).help(preset.meaning()));
+    // The possible values are the presets' names.
+    PossibleValuesParser::new(values)
+        .map(|name| Preset::ALL.into_iter().find(|preset| preset.name() == name).unwrap_or_default())
+}
+
+/// A summary with the place of its run.
+#[derive(Serialize)]
+struct Report<'a> {
+    run: PathBuf,
+    #[serde(flatten)]
+    summary: &'a Summary,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let launch = setup::with_mujoco(&args.install, || prepare(args))?;
+    let plan = launch.plan().clone();
+    if !args.quiet {
+        eprint!("{}", heading(&plan));
+    }
+    let stop = stop_on_signal()?;
+    let mut progress: Box<dyn Progress> = if args.quiet {
+        Box::new(Silent)
+    } else if std::io::stderr().is_terminal() {
+        Box::new(Bar::new())
+    } else {
+        Box::new(Lines::new(LINE_EVERY))
+    };
+    let plugins: String = args.settings.plugins.iter().map(|place| format!(" --plugins {}", place.display())).collect();
+    let resume = program::line(&format!("train --resume {}{plugins}", plan.run.display()));
+    let summary = launch.run(&stop, progress.as_mut()).map_err(|error| explain(error, &resume))?;
+    if args.json {
+        print_json(&Report { run: plan.run.clone(), summary: &summary })?;
+    } else {
+        print(&describe(&plan, &summary, &plugins))?;
+    }
+    match summary.stopped_by {
+        StoppedBy::Episodes => Ok(Outcome::Done),
+        StoppedBy::Interrupt => {
+            eprintln!("continue with: {resume}");
+            Ok(Outcome::Interrupted)
+        }
+    }
+}
+
+/// Adds to an error what to do next.
+fn explain(error: TrainError, resume: &str) -> anyhow::Error {
+    let context = match &error {
+        // The same again would end the same.
+        TrainError::LearnerDiverged { .. } => return error.into(),
+        _ => format!("the run stopped; continue from its last checkpoint with: {resume}"),
+    };
+    anyhow::Error::from(error).context(context)
+}
+
+/// Says which postures a synergy is of.
+fn postures_covered(n_postures: u64, window: usize) -> String {
+    match window as u64 {
+        window if (1..n_postures).contains(&window) => {
+            format!("the newest {window} of {}", counted(n_postures, "posture"))
+        }
+        _ => counted(n_postures, "posture"),
+    }
+}
+
+fn prepare(args: &Args) -> Result<Launch, TrainError> {
+    match &args.resume {
+        Some(run) => Launch::resume(&ResumedRun {
+            run: run.clone(),
+            episodes: args.settings.episodes,
+            workers: args.workers,
+            tensorboard: args.tensorboard,
+            hands: search_path(&args.settings.plugins),
+        }),
+        None => Launch::start(&NewRun {
+            hand: args.hand.clone(),
+            lambda: args.lambda,
+            seed: args.seed,
+            workers: args.workers,
+            tensorboard: args.tensorboard,
+            out: args.out.clone(),
+            ..args.settings.new_run()
+        }),
+    }
+}
+
+/// Sets the flag at the first Ctrl-C or SIGTERM, and ends the program at the second.
+fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || {
+        if flag.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(INTERRUPTED));
+        }
+        // A terminal has just shown ^C on a line of its bar, and the bar is drawn over the line above.
+        let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
+        eprintln!("{newline}stopping after this cycle, with everything saved; Ctrl-C again stops at once{newline}");
+    })
+    .context("cannot listen for Ctrl-C")?;
+    Ok(stop)
+}
+
+fn heading(plan: &Plan) -> String {
+    let mut text = String::new();
+    let mut line = |name: &str, value: String| {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{name:<9} {value}");
+    };
+    line("run", plan.run.display().to_string());
+    let (joints, actuators) = (plan.n_joints, plan.n_actuators);
+    line("hand", format!("{}: {joints} joints, {actuators} actuators, {} fingers", plan.hand, plan.n_fingers));
+    line("objects", plan.objects.join(", "));
+    let resumed = match plan.episodes_done {
+        0 => String::new(),
+        n => format!(", from episode {n}"),
+    };
+    line(
+        "training",
+        format!(
+            "{} episodes{resumed}, lambda {}, seed {}, preset {}, {}",
+            plan.episodes,
+            plan.lambda,
+            plan.seed,
+            plan.preset.name(),
+            counted(plan.workers, "worker")
+        ),
+    );
+    line("MuJoCo", format!("{} from {}", plan.mujoco_version, plan.mujoco_library));
+    text
+}
+
+/// `plugins` are the options that name further directories of hands, as later commands need them.
+fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
+    let mut text = String::new();
+    let mut line = |name: &str, value: &str| {
+        let _ = writeln!(text, "{name:<10} {value}");
+    };
+    line(
+        "trained",
+        &format!(
+            "{} in {} ({} environment steps, {} updates)",
+            counted(summary.episodes, "episode"),
+            duration(summary.wall_s),
+            summary.env_steps,
+            summary.updates
+        ),
+    );
+    match summary.success_rate {
+        Some(rate) => {
+            let policy = summary.policy_episode;
+            line(
+                "success",
+                &format!("{} of {} fresh episodes (policy of episode {policy})", percent(rate), summary.eval_episodes),
+            );
+            if summary.success_rate_per_object.len() > 1 {
+                for (object, rate) in &summary.success_rate_per_object {
+                    line("", &format!("{object:<10} {:>7}", percent(*rate)));
+                }
+            }
+        }
+        None => line("success", "not evaluated, as the run was interrupted"),
+    }
+    match (summary.contribution_sum, summary.mean_error_rad) {
+        (Some(sum), Some(error)) => {
+            let rates: Vec<String> = summary.contribution.iter().map(|rate| format!("{:.1}", 100.0 * rate)).collect();
+            line(
+                "synergy",
+                &format!(
+                    "{} components of {}: {} = {:.1} % of the variance, mean error {error:.3} rad",
+                    rates.len(),
+                    postures_covered(summary.n_postures, plan.window),
+                    rates.join(" + "),
+                    100.0 * sum
+                ),
+            );
+        }
+        _ => line("synergy", &format!("none: {} are too few", counted(summary.n_postures, "posture"))),
+    }
+    if summary.diverged_episodes > 0 {
+        line("diverged", &format!("{}, discarded", counted(summary.diverged_episodes, "episode")));
+    }
+    if summary.buffer_warnings > 0 {
+        line("warnings", &format!("MuJoCo's buffers were full at {}", counted(summary.buffer_warnings, "step")));
+    }
+    let run = plan.run.display().to_string();
+    line("files", &format!("{run}/"));
+    if summary.contribution_sum.is_some() {
+        line("", "  synergy/                      the synergy as TOML and NPY");
+    }
+    line("", "  policy.safetensors, .toml     the policy, and how to run it");
+    line("", "  scenes/                       scenes for plain MuJoCo");
+    line("", "  postures.sqlite               the posture database");
+    line("", "  metrics.csv, summary.json     how it learned");
+    if summary.stopped_by == StoppedBy::Episodes {
+        line("next", &program::line(&format!("eval {run}{plugins}")));
+        line("", &program::line(&format!("export {run}{plugins} --out my-{}", plan.hand)));
+    }
+    text
+}

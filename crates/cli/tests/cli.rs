@@ -1,0 +1,430 @@
+//! The command line as scripts see it: standard output, standard error, exit status, and what is left on disk.
+#![forbid(unsafe_code)]
+// A helper function of a test fails the test, which is what a panic means here.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+#[path = "../../../tests/workspace/gripper.rs"]
+#[allow(dead_code)]
+mod gripper;
+
+/// Settings with which a run passes through every stage in a second or two.
+const TINY: [&str; 10] = [
+    "training.warmup_episodes=6",
+    "training.checkpoint_every=4",
+    "evaluation.every=8",
+    "evaluation.episodes=2",
+    "evaluation.final_episodes=4",
+    "task.steps=20",
+    "task.settle_time=0.1",
+    "learner.hidden=[16, 16]",
+    "learner.batch_size=32",
+    "workers=1",
+];
+/// Time after which something that should happen in a second is taken not to happen, also on a busy machine.
+const PATIENCE: Duration = Duration::from_secs(300);
+/// Status of a failure, of a wrong command line, and after Ctrl-C.
+const FAILURE: i32 = 1;
+const USAGE: i32 = 2;
+const INTERRUPTED: i32 = 130;
+
+fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+fn xtask() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    command.current_dir(workspace()).env_remove("EIGENHAND_PLUGINS").env("EIGENHAND_NO_INSTALL", "1");
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    xtask().args(arguments).output().unwrap()
+}
+
+/// Name of a hand that the workspace has, as files that a test can copy and change.
+fn hand() -> String {
+    let hands = json(&run(&["hands", "list", "--json"]));
+    let written = |hand: &&Value| Path::new(hand["directory"].as_str().unwrap()).join("hand.toml").is_file();
+    hands.as_array().unwrap().iter().find(written).unwrap()["name"].as_str().unwrap().to_owned()
+}
+
+/// Starts the arguments of a tiny run.
+fn tiny(hand: &str, out: &Path) -> Vec<String> {
+    let mut arguments: Vec<String> =
+        ["train", "--hand", hand, "--preset", "quick", "--out"].map(str::to_owned).to_vec();
+    arguments.push(out.display().to_string());
+    for setting in TINY {
+        arguments.extend(["--set".to_owned(), setting.to_owned()]);
+    }
+    arguments
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+/// Reads standard output, which must be one JSON document and nothing else.
+fn json(output: &Output) -> Value {
+    assert!(output.status.success(), "{}", stderr(output));
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {output:?}"))
+}
+
+/// Asserts that a command failed with this status and one error that says all of these.
+fn assert_error(output: &Output, status: i32, says: &[&str]) {
+    let text = stderr(output);
+    assert_eq!(output.status.code(), Some(status), "{text}");
+    assert!(output.stdout.is_empty(), "{output:?}");
+    assert_eq!(text.matches("error:").count(), 1, "{text}");
+    assert!(!text.contains("panicked") && !text.contains("stack backtrace"), "{text}");
+    for part in says {
+        assert!(text.contains(part), "{text:?} does not say {part:?}");
+    }
+}
+
+/// A run that trains in the background.
+struct Background {
+    child: Child,
+    stderr: BufReader<std::process::ChildStderr>,
+}
+
+impl Background {
+    fn start(arguments: &[String]) -> Background {
+        let mut child = xtask().args(arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let stderr = BufReader::new(child.stderr.take().unwrap());
+        Background { child, stderr }
+    }
+
+    /// Reads standard error up to a line with this in it.
+    fn wait_for(&mut self, part: &str) {
+        let mut line = String::new();
+        while !line.contains(part) {
+            line.clear();
+            assert!(self.stderr.read_line(&mut line).unwrap() > 0, "it ended before {part:?}");
+        }
+    }
+
+    fn signal(&self, name: &str) {
+        let status = Command::new("kill").args([name, &self.child.id().to_string()]).status().unwrap();
+        assert!(status.success());
+    }
+
+    /// Waits for the end; returns its status and the rest of standard error.
+    fn finish(mut self) -> (Option<i32>, String) {
+        let mut rest = String::new();
+        self.stderr.read_to_string(&mut rest).unwrap();
+        (self.child.wait().unwrap().code(), rest)
+    }
+}
+
+fn wait_until(what: &str, mut holds: impl FnMut() -> bool) {
+    let start = Instant::now();
+    while !holds() {
+        assert!(start.elapsed() < PATIENCE, "{what} did not happen in {PATIENCE:?}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+fn copy_directory(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let path = entry.unwrap().path();
+        let target = to.join(path.file_name().unwrap());
+        if path.is_dir() {
+            copy_directory(&path, &target);
+        } else {
+            std::fs::copy(&path, &target).unwrap();
+        }
+    }
+}
+
+#[test]
+fn a_run_is_trained_extended_evaluated_and_exported() {
+    let root = TempDir::new().unwrap();
+    let (out, export) = (root.path().join("run"), root.path().join("export"));
+    let (out_text, export_text) = (out.to_str().unwrap(), export.to_str().unwrap());
+    let mut arguments = tiny(&hand(), &out);
+    arguments.extend(["--episodes", "8", "--lambda", "0.5", "--json"].map(str::to_owned));
+    let output = xtask().args(&arguments).output().unwrap();
+    let summary = json(&output);
+    let heading = stderr(&output);
+    assert!(heading.starts_with(&format!("run       {out_text}\nhand ")), "{heading}");
+    for key in [
+        "hand",
+        "lambda",
+        "seed",
+        "episodes",
+        "env_steps",
+        "updates",
+        "wall_s",
+        "success_rate",
+        "success_rate_per_object",
+        "eval_episodes",
+        "n_postures",
+        "contribution",
+        "contribution_sum",
+        "mean_error_rad",
+        "mujoco_version",
+        "stopped_by",
+    ] {
+        assert!(summary.get(key).is_some(), "the summary lacks {key}");
+    }
+    assert_eq!((&summary["episodes"], &summary["lambda"]), (&8.into(), &0.5.into()));
+    assert_eq!((&summary["run"], &summary["stopped_by"]), (&out_text.into(), &"episodes".into()));
+    let written: Value = serde_json::from_slice(&std::fs::read(out.join("summary.json")).unwrap()).unwrap();
+    assert_eq!(written["success_rate"], summary["success_rate"]);
+    for file in ["config.toml", "provenance.toml", "metrics.csv", "postures.sqlite", "log.txt", "policy.toml"] {
+        assert!(out.join(file).is_file(), "no {file}");
+    }
+    let log = std::fs::read_to_string(out.join("log.txt")).unwrap();
+    assert!(log.contains("evaluated success") && log.contains("stopped by episodes"), "{log}");
+
+    let extended = json(&run(&["train", "--resume", out_text, "--episodes", "12", "--workers", "2", "--json"]));
+    assert_eq!(extended["episodes"], 12);
+    let config = std::fs::read_to_string(out.join("config.toml")).unwrap();
+    assert!(config.contains("\nepisodes = 12\n") && config.contains("\nworkers = 1\n"), "{config}");
+    let fewer = run(&["train", "--resume", out_text, "--episodes", "5", "--quiet"]);
+    assert_error(&fewer, USAGE, &["--episodes 5", "12 episodes already"]);
+
+    let again = |seed: &str| json(&run(&["eval", out_text, "--episodes", "6", "--seed", seed, "--json"]));
+    let first = again("3");
+    assert_eq!((&first["episodes"], &first["seed"]), (&6.into(), &3.into()));
+    assert_eq!(first["interval"].as_array().unwrap().len(), 2);
+    assert_eq!(first, again("3"));
+    assert_ne!(first["mean_final_distance_m"], again("4")["mean_final_distance_m"]);
+
+    let changed =
+        |setting: &str| run(&["eval", out_text, "--episodes", "6", "--seed", "3", "--json", "--set", setting]);
+    let slippery = json(&changed("physics.object_friction=[0.01, 0.001, 0.0001]"));
+    assert_eq!(slippery["changed"][0], "physics.object_friction=[0.01, 0.001, 0.0001]");
+    assert_ne!(slippery["mean_final_distance_m"], first["mean_final_distance_m"]);
+    for setting in ["learner.gamma=0.9", "task.observe_shape=false", "reward.failure=-2"] {
+        assert_error(&changed(setting), USAGE, &[setting, "physics.*"]);
+    }
+
+    let exported = json(&run(&["export", out_text, "--out", export_text, "--json"]));
+    let files: Vec<&str> = exported["files"].as_array().unwrap().iter().map(|f| f.as_str().unwrap()).collect();
+    assert!(files.iter().any(|file| file.ends_with("policy.toml")), "{files:?}");
+    assert!(files.iter().all(|file| Path::new(file).is_file()), "{files:?}");
+    let twice = json(&run(&["export", out_text, "--out", export_text, "--json"]));
+    assert_eq!(twice, exported, "an earlier export is written again");
+    let over_run = run(&["export", out_text, "--out", out_text]);
+    assert_error(&over_run, USAGE, &["--out"]);
+    let over_new = xtask().args(&arguments).output().unwrap();
+    assert_error(&over_new, USAGE, &["exists already", "--resume"]);
+}
+
+#[test]
+fn a_wrong_command_line_ends_with_2_and_makes_no_directory() {
+    let root = TempDir::new().unwrap();
+    let out = root.path().join("run");
+    let hand = hand();
+    let typo = &hand[..hand.len() - 1];
+    let with = |more: &[&str]| -> Vec<String> {
+        let start = ["train", "--out", out.to_str().unwrap()];
+        start.iter().chain(more).map(|part| (*part).to_owned()).collect()
+    };
+    let config = root.path().join("config.toml");
+    std::fs::write(&config, "lamda = 1.0\n").unwrap();
+    let cases = [
+        (with(&[]), vec!["--hand", hand.as_str()]),
+        (with(&["--hand", typo]), vec!["did you mean", hand.as_str()]),
+        (with(&["--hand", &hand, "--objects", "cube,cup"]), vec!["\"cup\"", "cube"]),
+        (with(&["--hand", &hand, "--set", "learner.gama=0.9"]), vec!["learner.gamma"]),
+        (with(&["--hand", &hand, "--set", "gamma"]), vec!["key=value"]),
+        (with(&["--hand", &hand, "--lambda=-2"]), vec!["lambda = -2"]),
+        (with(&["--hand", &hand, "--config", config.to_str().unwrap()]), vec!["lamda", "lambda"]),
+        (with(&["--hand", &hand, "--plugins", "/nonexistent"]), vec!["/nonexistent", "--plugins"]),
+        (with(&["--hand", &hand, "--preset", "slow"]), vec!["slow", "quick"]),
+        (with(&["--resume", "runs/x"]), vec!["--resume", "--out"]),
+    ];
+    for (arguments, says) in cases {
+        assert_error(&xtask().args(&arguments).output().unwrap(), USAGE, &says);
+        assert!(!out.exists(), "{arguments:?} made a directory");
+    }
+    assert_error(&run(&["train", "--resume", "runs/x", "--lambda", "1"]), USAGE, &["--resume", "--lambda"]);
+    assert_error(&run(&["hands", "show", typo]), USAGE, &["did you mean"]);
+}
+
+#[test]
+fn a_missing_library_or_place_ends_with_1_and_leaves_nothing() {
+    let root = TempDir::new().unwrap();
+    let out = root.path().join("run");
+    let hand = hand();
+    let missing = xtask().args(tiny(&hand, &out)).env("EIGENHAND_MUJOCO_LIB", "/nonexistent").output().unwrap();
+    assert_error(&missing, FAILURE, &["EIGENHAND_MUJOCO_LIB", "/nonexistent", "libmujoco2.2.2"]);
+    assert!(!out.exists());
+    let file = root.path().join("file");
+    std::fs::write(&file, "precious").unwrap();
+    let below = xtask().args(tiny(&hand, &file.join("run"))).output().unwrap();
+    assert_error(&below, FAILURE, &["cannot create the directory"]);
+    assert_eq!(std::fs::read(&file).unwrap(), b"precious");
+    for command in ["eval", "export", "train"] {
+        let arguments: &[&str] = match command {
+            "eval" => &["eval", "/nonexistent"],
+            "export" => &["export", "/nonexistent", "--out", "/nonexistent-export"],
+            _ => &["train", "--resume", "/nonexistent"],
+        };
+        assert_error(&run(arguments), FAILURE, &["/nonexistent is not a run directory"]);
+    }
+}
+
+#[test]
+fn an_interrupted_run_saves_and_a_killed_one_goes_on_from_its_checkpoint() {
+    let root = TempDir::new().unwrap();
+    let out = root.path().join("run");
+    let mut arguments = tiny(&hand(), &out);
+    // It does not end by itself before it is interrupted.
+    arguments.extend(["--episodes".to_owned(), "1000000".to_owned()]);
+    let mut running = Background::start(&arguments);
+    running.wait_for("episode 0/");
+    wait_until("a checkpoint", || out.join("checkpoints/episode-00000004").exists());
+    let resume = ["train", "--resume", out.to_str().unwrap()].map(str::to_owned);
+    let second = xtask().args(&resume).output().unwrap();
+    assert_error(&second, FAILURE, &["in use by another process"]);
+    running.signal("-INT");
+    let (status, text) = running.finish();
+    assert_eq!(status, Some(INTERRUPTED), "{text}");
+    assert!(text.contains("cargo xtask train --resume"), "{text}");
+    let summary: Value = serde_json::from_slice(&std::fs::read(out.join("summary.json")).unwrap()).unwrap();
+    assert_eq!(summary["stopped_by"], "interrupt");
+    let done = summary["episodes"].as_u64().unwrap();
+    assert!(done >= 4);
+
+    let mut running = Background::start(&resume);
+    running.wait_for(&format!("from episode {done}"));
+    let next = (done / 4 + 2) * 4;
+    wait_until("another checkpoint", || out.join(format!("checkpoints/episode-{next:08}")).exists());
+    running.signal("-KILL");
+    running.finish();
+
+    let total = (next + 40).to_string();
+    let output = run(&["train", "--resume", out.to_str().unwrap(), "--episodes", &total, "--json"]);
+    assert_eq!(json(&output)["episodes"], next + 40);
+    let text = stderr(&output);
+    let from: u64 = text.split("from episode ").nth(1).unwrap().split(',').next().unwrap().parse().unwrap();
+    assert!(from >= next, "{text}");
+}
+
+#[test]
+fn damage_is_named_and_nothing_is_lost() {
+    let root = TempDir::new().unwrap();
+    let plugins = root.path().join("plugins");
+    let hand = hand();
+    copy_directory(&workspace().join("plugins").join(&hand), &plugins.join("copy"));
+    let manifest = plugins.join("copy/hand.toml");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.replace(&format!("name = \"{hand}\""), "name = \"copy\"")).unwrap();
+    let out = root.path().join("run");
+    let (out_text, plugins_text) = (out.to_str().unwrap(), plugins.to_str().unwrap());
+    let mut arguments = tiny("copy", &out);
+    arguments.extend(["--episodes", "8", "--quiet", "--plugins", plugins_text].map(str::to_owned));
+    assert!(xtask().args(&arguments).output().unwrap().status.success());
+    let resume = || run(&["train", "--resume", out_text, "--plugins", plugins_text, "--quiet"]);
+
+    let learner = out.join("checkpoints/episode-00000008/learner.safetensors");
+    let sound = std::fs::read(&learner).unwrap();
+    let mut damaged = sound.clone();
+    *damaged.last_mut().unwrap() ^= 1;
+    std::fs::write(&learner, &damaged).unwrap();
+    let older = "checkpoints/episode-00000004";
+    assert_error(&resume(), FAILURE, &["learner.safetensors is damaged", older]);
+    assert_eq!(std::fs::read(&learner).unwrap(), damaged, "nothing was changed");
+    assert!(out.join(older).is_dir());
+    std::fs::write(&learner, sound).unwrap();
+
+    let policy = out.join("policy.safetensors");
+    std::fs::write(&policy, b"not tensors").unwrap();
+    let eval = run(&["eval", out_text, "--plugins", plugins_text]);
+    assert_error(&eval, FAILURE, &["policy.safetensors is damaged", "--resume"]);
+
+    let original = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, original.replace("scale = 1.0", "scale = 1.1")).unwrap();
+    assert_error(&resume(), FAILURE, &["has changed since", "digest"]);
+    std::fs::write(&manifest, original).unwrap();
+    assert!(resume().status.success(), "what was mended goes on");
+    assert!(run(&["eval", out_text, "--plugins", plugins_text, "--episodes", "2", "--json"]).status.success());
+}
+
+#[test]
+fn hands_are_listed_shown_and_checked() {
+    let name = hand();
+    let shown = json(&run(&["hands", "show", &name, "--json"]));
+    assert_eq!(shown["name"], name.as_str());
+    assert_eq!(shown["posture"].as_array().unwrap().len() as u64, shown["n_posture"].as_u64().unwrap());
+    let text = run(&["hands", "show", &name]);
+    let text = String::from_utf8(text.stdout).unwrap();
+    for joint in shown["posture"].as_array().unwrap() {
+        assert!(text.contains(joint["name"].as_str().unwrap()));
+    }
+    let checked = json(&run(&["hands", "check", &name, "--json"]));
+    assert!(checked["checks"].as_array().unwrap().iter().all(|check| check["passed"] == true), "{checked}");
+
+    let root = TempDir::new().unwrap();
+    let plugins = root.path().join("plugins");
+    copy_directory(&workspace().join("plugins").join(&name), &plugins.join("low"));
+    let manifest = plugins.join("low/hand.toml");
+    let lowered = std::fs::read_to_string(&manifest)
+        .unwrap()
+        .replace(&format!("name = \"{name}\""), "name = \"low\"")
+        .lines()
+        .map(|line| if line.starts_with("position = ") { "position = [-0.385, 0.0, 0.0]" } else { line })
+        .collect::<Vec<_>>()
+        .join("\n");
+    std::fs::write(&manifest, lowered).unwrap();
+    let output = run(&["hands", "check", plugins.join("low").to_str().unwrap(), "--json"]);
+    assert_eq!(output.status.code(), Some(FAILURE));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(report["checks"].as_array().unwrap().iter().any(|check| check["passed"] == false), "{report}");
+}
+
+#[test]
+fn a_new_hand_is_made_listed_checked_and_trained() {
+    let place = TempDir::new().unwrap();
+    let file = place.path().join("maker.xml");
+    std::fs::write(&file, gripper::GRIPPER_MODEL).unwrap();
+    let (file, plugins) = (file.to_str().unwrap(), place.path().join("plugins"));
+    let out = plugins.join("mine");
+    let (out_text, plugins_text) = (out.to_str().unwrap(), plugins.to_str().unwrap());
+    let made = json(&run(&["hands", "new", "mine", "--from", file, "--out", out_text, "--json"]));
+    assert_eq!((made["palm"].as_str(), made["close_up"][0].as_str()), (Some("bridge"), Some("close")));
+    let listed = json(&run(&["hands", "list", "--plugins", plugins_text, "--json"]));
+    assert!(listed.as_array().unwrap().iter().any(|hand| hand["name"] == "mine"), "{listed}");
+    let picture = place.path().join("mine.png");
+    let checked = run(&["hands", "check", "mine", "--plugins", plugins_text, "--picture", picture.to_str().unwrap()]);
+    assert!(checked.status.success() && std::fs::read(&picture).unwrap().starts_with(b"\x89PNG"), "{checked:?}");
+    let trained = run(&[
+        tiny("mine", &place.path().join("run")).iter().map(String::as_str).collect(),
+        vec!["--episodes", "10", "--plugins", plugins_text],
+    ]
+    .concat());
+    assert!(trained.status.success(), "{}", stderr(&trained));
+
+    let again = run(&["hands", "new", "mine", "--from", file, "--out", out_text]);
+    assert_error(&again, USAGE, &[out_text]);
+    let nameless = run(&["hands", "new", "Mine!", "--from", file, "--out", plugins.join("other").to_str().unwrap()]);
+    assert_error(&nameless, USAGE, &["Mine!"]);
+    assert_error(&run(&["hands", "new", "other", "--from", file, "--approach", "up"]), USAGE, &["--approach", "up"]);
+    let names: Vec<_> = std::fs::read_dir(&plugins).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(names, ["mine"], "nothing is left of what failed");
+}
+
+#[test]
+fn the_doctor_names_what_is_missing_and_what_mends_it() {
+    let output = xtask().args(["doctor", "--json"]).env("EIGENHAND_MUJOCO_LIB", "/nonexistent").output().unwrap();
+    assert_eq!(output.status.code(), Some(FAILURE));
+    let diagnosis: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(diagnosis["ok"], false);
+    let mujoco = diagnosis["findings"].as_array().unwrap().iter().find(|f| f["name"] == "MuJoCo").unwrap();
+    assert_eq!((&mujoco["ok"], &mujoco["required"]), (&false.into(), &true.into()));
+    assert!(mujoco["detail"].as_str().unwrap().contains("EIGENHAND_MUJOCO_LIB"), "{mujoco}");
+    let healthy = json(&run(&["doctor", "--json"]));
+    assert_eq!(healthy["ok"], true);
+}

@@ -1,0 +1,99 @@
+//! Files that are whole or absent, and digests.
+#![forbid(unsafe_code)]
+
+use std::fs::{self, File};
+use std::io::Write;
+use std::path::Path;
+
+use sha2::{Digest, Sha256};
+
+/// The system refused to read or write something.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot {action}")]
+pub struct FileError {
+    /// What was tried, such as `write runs/a/summary.json`.
+    pub action: String,
+    /// The system's reason.
+    #[source]
+    pub source: std::io::Error,
+}
+
+/// (verb, path) => a function that turns the system's reason into a [`FileError`]; for `map_err`.
+pub fn cannot(verb: &str, path: &Path) -> impl FnOnce(std::io::Error) -> FileError {
+    let action = format!("{verb} {}", path.display());
+    move |source| FileError { action, source }
+}
+
+/// Writes a file under a temporary name beside its own and renames it, so that it is whole or absent.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    write_and_rename(path, bytes, true)
+}
+
+/// As [`write_atomically`], without waiting for the disk: after a power cut the file may be empty or gone.
+///
+/// # Errors
+/// [`FileError`].
+pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
+    write_and_rename(path, bytes, false)
+}
+
+fn write_and_rename(path: &Path, bytes: &[u8], durable: bool) -> Result<(), FileError> {
+    let mut name = path.file_name().unwrap_or_default().to_os_string();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let write = || -> std::io::Result<()> {
+        let mut file = File::create(&partial)?;
+        file.write_all(bytes)?;
+        if durable {
+            file.sync_all()?;
+        }
+        fs::rename(&partial, path)
+    };
+    write().map_err(cannot("write", path))
+}
+
+/// Creates a directory with its parents.
+///
+/// # Errors
+/// [`FileError`].
+pub fn create_directory(path: &Path) -> Result<(), FileError> {
+    fs::create_dir_all(path).map_err(cannot("create the directory", path))
+}
+
+/// Returns the SHA-256 of bytes in hexadecimal.
+pub fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_is_replaced_as_a_whole() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("file");
+        for (write, text) in [(write_atomically as fn(&Path, &[u8]) -> _, "first"), (write_whole, "second")] {
+            write(&path, text.as_bytes()).expect("writable");
+            assert_eq!(fs::read_to_string(&path).expect("readable"), text);
+            assert_eq!(directory.path().read_dir().expect("readable").count(), 1, "nothing temporary is left");
+        }
+    }
+
+    #[test]
+    fn an_error_names_the_file() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("absent/file");
+        let message = write_atomically(&path, b"").expect_err("no such directory").to_string();
+        assert!(message.contains(&path.display().to_string()), "{message}");
+    }
+
+    #[test]
+    fn the_digest_is_sha_256() {
+        // The first test vector of FIPS 180-2.
+        assert_eq!(sha256(b"abc"), "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad");
+    }
+}

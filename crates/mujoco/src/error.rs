@@ -1,0 +1,73 @@
+//! What can go wrong between this crate and the simulator.
+
+/// Errors of the simulator.
+#[derive(Debug, thiserror::Error)]
+pub enum MuJoCoError {
+    /// No libmujoco could be opened.
+    #[error(
+        "cannot load MuJoCo (tried {tried}): {reason}\n{}",
+        if *.overridden {
+            "EIGENHAND_MUJOCO_LIB names that file: correct it, or unset it to use Debian's package libmujoco2.2.2"
+        } else {
+            "install Debian's package: apt-get install libmujoco2.2.2, or set EIGENHAND_MUJOCO_LIB to a libmujoco.so.2.2.2"
+        }
+    )]
+    LibraryMissing {
+        /// Names and paths that were tried.
+        tried: String,
+        /// Whether the override variable named the library.
+        overridden: bool,
+        /// The loader's messages.
+        reason: String,
+    },
+    /// A library opened, but it is not MuJoCo.
+    #[error(
+        "{origin} is not a libmujoco: {reason}\nset EIGENHAND_MUJOCO_LIB to a libmujoco.so.2.2.2, or unset it and install Debian's package libmujoco2.2.2"
+    )]
+    NotMuJoCo {
+        /// File or soname.
+        origin: String,
+        /// What is missing in it.
+        reason: String,
+    },
+    /// A MuJoCo of another version was found.
+    #[error(
+        "{origin} is MuJoCo {found}, but {required} is required (struct layouts differ between versions)\ninstall Debian's package libmujoco2.2.2, or set EIGENHAND_MUJOCO_LIB to a libmujoco.so.{required}"
+    )]
+    LibraryVersion {
+        /// File or soname.
+        origin: String,
+        /// Version found.
+        found: String,
+        /// Version required.
+        required: String,
+    },
+    /// MuJoCo refused a model.
+    #[error("MuJoCo refuses the model: {message}")]
+    Compile {
+        /// MuJoCo's own message.
+        message: String,
+    },
+    /// A file of a model cannot be handed to MuJoCo.
+    #[error("model file {name}: {reason}")]
+    Asset {
+        /// The file's name.
+        name: String,
+        /// Why not.
+        reason: &'static str,
+    },
+    /// A name is not in the compiled model.
+    #[error("the model has no {what} named {name:?}")]
+    Unresolved {
+        /// Kind of element.
+        what: &'static str,
+        /// The name.
+        name: String,
+    },
+    /// MuJoCo could not allocate the simulation state.
+    #[error("MuJoCo could not allocate the simulation state (out of memory)")]
+    OutOfMemory,
+    /// Two states of different models were mixed.
+    #[error("the two simulation states belong to different models")]
+    OtherModel,
+}

@@ -1,0 +1,142 @@
+//! What a compiled model says of its geoms: shape, colour, group and mesh.
+
+use nalgebra::Vector3;
+
+use crate::bindings as mj;
+use crate::model::slice_of;
+use crate::{GeomId, Model};
+
+/// Colour of a geom that states none; one with a material then has the material's.
+const UNSTATED_COLOUR: [f32; 4] = [0.5, 0.5, 0.5, 1.0];
+
+/// The shape of a geom in its own frame, with its sizes in m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum GeomShape<'a> {
+    /// The plane z = 0, seen from above; a half size of 0 is infinite.
+    Plane {
+        /// Half sizes along x and y.
+        half: [f64; 2],
+    },
+    /// A ball.
+    Sphere {
+        /// Radius.
+        radius: f64,
+    },
+    /// A cylinder along z with round ends.
+    Capsule {
+        /// Radius.
+        radius: f64,
+        /// Half the length of the cylindrical part.
+        half_length: f64,
+    },
+    /// An ellipsoid.
+    Ellipsoid {
+        /// Half axes.
+        half: [f64; 3],
+    },
+    /// A cylinder along z.
+    Cylinder {
+        /// Radius.
+        radius: f64,
+        /// Half of its height.
+        half_height: f64,
+    },
+    /// A box.
+    Box {
+        /// Half edges.
+        half: [f64; 3],
+    },
+    /// A mesh of triangles.
+    Mesh(MeshView<'a>),
+    /// A height field, or a shape that only a viewer adds.
+    Other,
+}
+
+/// The triangles of a mesh, in the frame of the geom that shows it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MeshView<'a> {
+    /// Vertices in m, x, y and z of each.
+    vertices: &'a [f32],
+    /// Three vertices of each triangle.
+    faces: &'a [i32],
+}
+
+impl<'a> MeshView<'a> {
+    /// Lists the vertices.
+    pub fn vertices(self) -> impl Iterator<Item = Vector3<f64>> + 'a {
+        self.vertices.chunks_exact(3).map(|v| Vector3::new(v[0].into(), v[1].into(), v[2].into()))
+    }
+
+    /// Lists the triangles by their corners, leaving out those that name a vertex that is not there.
+    pub fn triangles(self) -> impl Iterator<Item = [[f64; 3]; 3]> + 'a {
+        let corner = move |index: i32| {
+            let first = 3 * usize::try_from(index).ok()?;
+            let [x, y, z] = *self.vertices.get(first..first + 3)?.first_chunk::<3>()?;
+            Some([x, y, z].map(f64::from))
+        };
+        self.faces.chunks_exact(3).filter_map(move |face| Some([corner(face[0])?, corner(face[1])?, corner(face[2])?]))
+    }
+}
+
+impl Model {
+    /// Lists the geoms in the model's order.
+    pub fn geoms(&self) -> impl Iterator<Item = GeomId> + use<> {
+        (0..self.ngeom()).map(GeomId)
+    }
+
+    /// Returns a geom's shape.
+    pub fn geom_shape(&self, id: GeomId) -> GeomShape<'_> {
+        let size = self.numbers(self.get().geom_size, 3 * self.get().ngeom);
+        let [a, b, c] = std::array::from_fn(|i| size[3 * id.0 + i]);
+        match self.ints(self.get().geom_type, self.get().ngeom)[id.0] as mj::mjtGeom_ {
+            mj::mjGEOM_PLANE => GeomShape::Plane { half: [a, b] },
+            mj::mjGEOM_SPHERE => GeomShape::Sphere { radius: a },
+            mj::mjGEOM_CAPSULE => GeomShape::Capsule { radius: a, half_length: b },
+            mj::mjGEOM_ELLIPSOID => GeomShape::Ellipsoid { half: [a, b, c] },
+            mj::mjGEOM_CYLINDER => GeomShape::Cylinder { radius: a, half_height: b },
+            mj::mjGEOM_BOX => GeomShape::Box { half: [a, b, c] },
+            mj::mjGEOM_MESH => self.mesh(id).map_or(GeomShape::Other, GeomShape::Mesh),
+            _ => GeomShape::Other,
+        }
+    }
+
+    /// Returns a geom's colour as red, green, blue and opacity in [0, 1]: its own, or else its material's.
+    pub fn geom_colour(&self, id: GeomId) -> [f32; 4] {
+        let own = four(self.floats(self.get().geom_rgba, 4 * self.get().ngeom), id.0);
+        let material = self.ints(self.get().geom_matid, self.get().ngeom)[id.0];
+        match usize::try_from(material) {
+            Ok(material) if own == UNSTATED_COLOUR => {
+                four(self.floats(self.get().mat_rgba, 4 * self.get().nmat), material)
+            }
+            _ => own,
+        }
+    }
+
+    /// Returns the group by which a viewer shows or hides a geom.
+    pub fn geom_group(&self, id: GeomId) -> i32 {
+        self.ints(self.get().geom_group, self.get().ngeom)[id.0]
+    }
+
+    fn mesh(&self, id: GeomId) -> Option<MeshView<'_>> {
+        let raw = self.get();
+        let mesh = usize::try_from(self.ints(raw.geom_dataid, raw.ngeom)[id.0]).ok()?;
+        let part = |addresses: *const i32, counts: *const i32| {
+            let first = *self.ints(addresses, raw.nmesh).get(mesh)? as usize;
+            let count = *self.ints(counts, raw.nmesh).get(mesh)? as usize;
+            Some(3 * first..3 * (first + count))
+        };
+        Some(MeshView {
+            vertices: self.floats(raw.mesh_vert, 3 * raw.nmeshvert).get(part(raw.mesh_vertadr, raw.mesh_vertnum)?)?,
+            faces: self.ints(raw.mesh_face, 3 * raw.nmeshface).get(part(raw.mesh_faceadr, raw.mesh_facenum)?)?,
+        })
+    }
+
+    fn floats(&self, first: *const f32, count: i32) -> &[f32] {
+        // SAFETY: callers pass an array of this model with its own length.
+        unsafe { slice_of(first, count) }
+    }
+}
+
+fn four(values: &[f32], index: usize) -> [f32; 4] {
+    std::array::from_fn(|i| values[4 * index + i])
+}

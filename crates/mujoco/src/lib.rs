@@ -1,0 +1,35 @@
+//! MuJoCo 2.2.2: finds the library, checks its version, and owns models and simulation states.
+//!
+//! The library is loaded at run time, so that everything builds on a machine without it. Every `unsafe` call of the
+//! simulator in this workspace is in this crate. A [`Model`] is immutable and shared by threads; a [`Data`] is one
+//! simulation, belongs to one thread at a time and keeps its model alive; ids are typed and are resolved by name once.
+//!
+//! ```no_run
+//! use std::sync::Arc;
+//!
+//! use eigenhand_mujoco::{Data, Model, MuJoCo};
+//!
+//! let library = MuJoCo::load()?;
+//! let xml = "<mujoco><worldbody><body><freejoint/><geom size='0.1'/></body></worldbody></mujoco>";
+//! let model = Arc::new(Model::from_xml(&library, xml, &[])?);
+//! let mut data = Data::new(&model)?;
+//! data.step();
+//! # Ok::<(), eigenhand_mujoco::MuJoCoError>(())
+//! ```
+
+#[rustfmt::skip]
+mod bindings;
+mod data;
+mod error;
+mod geometry;
+mod geoms;
+mod ids;
+mod library;
+mod model;
+
+pub use data::{Contact, Data, WarningCounts};
+pub use error::MuJoCoError;
+pub use geoms::{GeomShape, MeshView};
+pub use ids::{ActuatorId, BodyId, GeomId, JointId, SiteId};
+pub use library::{LIBRARY_VARIABLE, MuJoCo, REQUIRED_VERSION};
+pub use model::Model;

@@ -1,0 +1,160 @@
+//! Finding, checking and loading libmujoco.
+
+use std::error::Error;
+use std::ffi::{CStr, OsString, c_char, c_int};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use libloading::Library;
+
+use crate::MuJoCoError;
+use crate::bindings::{MuJoCoLibrary, mjVERSION_HEADER};
+
+/// Environment variable that names the library to load instead of the system's.
+pub const LIBRARY_VARIABLE: &str = "EIGENHAND_MUJOCO_LIB";
+
+/// Version, as `mj_version` encodes it, whose structs the bindings describe.
+pub const REQUIRED_VERSION: i32 = mjVERSION_HEADER as i32;
+
+const SYSTEM_NAMES: [&str; 2] = ["libmujoco.so.2.2.2", "libmujoco.so"];
+
+type Handler = Option<unsafe extern "C" fn(*const c_char)>;
+
+/// A loaded libmujoco of the required version.
+pub struct MuJoCo {
+    pub(crate) api: MuJoCoLibrary,
+    origin: String,
+}
+
+impl MuJoCo {
+    /// Loads the library once per process and returns the shared handle.
+    ///
+    /// The search order is `EIGENHAND_MUJOCO_LIB`, `libmujoco.so.2.2.2`, `libmujoco.so`. Any number of threads may call it
+    /// at once.
+    ///
+    /// # Errors
+    /// [`MuJoCoError::LibraryMissing`] when no library opens, [`MuJoCoError::LibraryVersion`] when the one
+    /// found is another version. Both say how to mend it.
+    pub fn load() -> Result<Arc<MuJoCo>, MuJoCoError> {
+        // Opening writes the library's global handlers, so one thread opens and every other one waits for it.
+        static LOADED: Mutex<Option<Arc<MuJoCo>>> = Mutex::new(None);
+        let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(library) = &*loaded {
+            return Ok(Arc::clone(library));
+        }
+        let opened = Arc::new(Self::open()?);
+        *loaded = Some(Arc::clone(&opened));
+        Ok(opened)
+    }
+
+    /// Returns the file or soname the library was loaded from.
+    pub fn origin(&self) -> &str {
+        &self.origin
+    }
+
+    /// Returns the version as `"2.2.2"`.
+    pub fn version(&self) -> String {
+        // SAFETY: `mj_version` takes nothing and reads a constant.
+        format_version(unsafe { (self.api.mj_version)() })
+    }
+
+    fn open() -> Result<MuJoCo, MuJoCoError> {
+        let chosen = std::env::var_os(LIBRARY_VARIABLE).filter(|value| !value.is_empty());
+        let candidates: Vec<OsString> = match &chosen {
+            Some(path) => vec![path.clone()],
+            None => SYSTEM_NAMES.iter().map(OsString::from).collect(),
+        };
+        let mut reasons = Vec::new();
+        for candidate in &candidates {
+            // SAFETY: opening libmujoco runs its static initialisers only, which have no
+            // preconditions. A library that the user names is trusted as a program he starts is.
+            match unsafe { Library::new(candidate) } {
+                Ok(library) => return Self::check(library, candidate.to_string_lossy().into()),
+                Err(error) => reasons.push(match error.source() {
+                    Some(reason) => reason.to_string(),
+                    None => error.to_string(),
+                }),
+            }
+        }
+        Err(MuJoCoError::LibraryMissing {
+            tried: candidates.iter().map(|c| c.to_string_lossy().into_owned()).collect::<Vec<_>>().join(", "),
+            overridden: chosen.is_some(),
+            reason: reasons.join("; "),
+        })
+    }
+
+    fn check(library: Library, origin: String) -> Result<MuJoCo, MuJoCoError> {
+        let not_mujoco =
+            |source: libloading::Error| MuJoCoError::NotMuJoCo { origin: origin.clone(), reason: source.to_string() };
+        // SAFETY: `mj_version` has had this signature in every release of MuJoCo.
+        let found = unsafe {
+            let version: libloading::Symbol<unsafe extern "C" fn() -> c_int> =
+                library.get(b"mj_version\0").map_err(not_mujoco)?;
+            version()
+        };
+        if found != REQUIRED_VERSION {
+            return Err(MuJoCoError::LibraryVersion {
+                origin,
+                found: format_version(found),
+                required: format_version(REQUIRED_VERSION),
+            });
+        }
+        // SAFETY: the version was checked, so these are the documented global function pointers. `load` holds its lock
+        // until the first handle exists, so no other thread of this process uses the library yet.
+        unsafe {
+            let on_error: libloading::Symbol<*mut Handler> = library.get(b"mju_user_error\0").map_err(not_mujoco)?;
+            **on_error = Some(fatal);
+            let on_warning: libloading::Symbol<*mut Handler> =
+                library.get(b"mju_user_warning\0").map_err(not_mujoco)?;
+            **on_warning = Some(counted_elsewhere);
+        }
+        // SAFETY: the version was checked, so every symbol has the signature of the bindings.
+        let api = unsafe { MuJoCoLibrary::from_library(library) }.map_err(not_mujoco)?;
+        Ok(MuJoCo { api, origin })
+    }
+}
+
+/// `version` 222 => "2.2.2"
+fn format_version(version: i32) -> String {
+    format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)
+}
+
+/// Replaces MuJoCo's fatal-error path, which would wait for a key. MuJoCo does not survive a return
+/// from here and unwinding through C is not allowed, so the process ends at once and audibly: models
+/// are checked before they are stepped, and reaching this is a defect that fails the test that does.
+unsafe extern "C" fn fatal(message: *const c_char) {
+    // SAFETY: MuJoCo passes a NUL-terminated string that lives through the call.
+    let text = unsafe { CStr::from_ptr(message) }.to_string_lossy();
+    eprintln!("fatal MuJoCo error (a defect of eigenhand, please report it): {text}");
+    std::process::abort();
+}
+
+/// Replaces the writing of MUJOCO_LOG.TXT: warnings are read from `mjData.warning` instead.
+unsafe extern "C" fn counted_elsewhere(_message: *const c_char) {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn threads_that_load_at_once_share_one_library() {
+        let barrier = std::sync::Barrier::new(8);
+        let loaded: Vec<Arc<MuJoCo>> = std::thread::scope(|scope| {
+            let load = || {
+                barrier.wait();
+                MuJoCo::load().unwrap_or_else(|error| panic!("{error}"))
+            };
+            let threads: Vec<_> = (0..8).map(|_| scope.spawn(load)).collect();
+            threads.into_iter().map(|thread| thread.join().expect("no panic")).collect()
+        });
+        assert!(loaded.iter().all(|library| Arc::ptr_eq(library, &loaded[0])));
+    }
+
+    #[test]
+    fn a_missing_library_is_answered_with_the_variable_that_names_one() {
+        let missing =
+            |overridden| MuJoCoError::LibraryMissing { tried: String::new(), overridden, reason: String::new() };
+        for overridden in [false, true] {
+            assert!(missing(overridden).to_string().contains(LIBRARY_VARIABLE));
+        }
+    }
+}

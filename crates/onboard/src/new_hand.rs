@@ -1,0 +1,394 @@
+//! `hands new`: from a model file as its makers publish it to a plugin directory that trains.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+use std::fs;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eigenhand_files::{cannot, create_directory, sha256};
+use eigenhand_hands::xml::{append_section, attribute, element, elements, elements_mut, numbers, print, set};
+use eigenhand_hands::xmltree::{Element, XMLNode};
+use eigenhand_hands::{Hand, ImportOptions, Imported, MANIFEST_FILE, SCHEMA, import, is_hand_name};
+use eigenhand_mujoco::MuJoCo;
+use eigenhand_sim::{GraspTask, Setting};
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::error::OnboardError;
+use crate::survey::{Closing, Hints, Survey, arm, survey};
+use crate::trial::{Place, best_place};
+
+const MODEL_FILE: &str = "model.xml";
+const ASSETS: &str = "assets";
+const README: &str = "README.md";
+/// Files beside a model that say how it may be used.
+const LICENCES: [&str; 4] = ["LICENSE", "LICENSE.txt", "LICENSE.md", "COPYING"];
+/// Directories above a model in which its licence is looked for.
+const LICENCE_LEVELS: usize = 3;
+
+/// A hand to be made.
+#[derive(Clone, Debug)]
+pub struct NewHand {
+    /// Name of the hand.
+    pub name: String,
+    /// Its model file, MJCF or URDF.
+    pub source: PathBuf,
+    /// The hand's directory; it is made.
+    pub directory: PathBuf,
+    /// What the reader of the file has to be told.
+    pub options: ImportOptions,
+    /// What the owner knows better than the survey.
+    pub hints: Hints,
+}
+
+/// What was made, found and assumed.
+#[derive(Clone, Debug, Serialize)]
+pub struct NewHandReport {
+    /// Name of the hand.
+    pub name: String,
+    /// The hand's directory.
+    pub directory: PathBuf,
+    /// Body of the palm.
+    pub palm: String,
+    /// Direction of approach in the palm's frame.
+    pub approach: [f64; 3],
+    /// Names of the fingertips' sites.
+    pub fingertips: Vec<String>,
+    /// Length of each finger in m, in the same order.
+    pub reach_m: Vec<f64>,
+    /// Distance in m between opposing fingertips of the open hand.
+    pub opening_m: f64,
+    /// Factor on the objects' lengths.
+    pub object_scale: f64,
+    /// Scripted grasps that lifted the object, and scripted grasps, at the place where the hand hangs.
+    pub lifted: [u32; 2],
+    /// Actuators that close the hand at the upper end of their range.
+    pub close_up: Vec<String>,
+    /// Actuators that close the hand at the lower end of their range.
+    pub close_down: Vec<String>,
+    /// All other actuators.
+    pub neither: Vec<String>,
+    /// What was changed in the file, left out or assumed.
+    pub notes: Vec<String>,
+}
+
+/// Reads, surveys and writes a hand; scripted grasps in `setting` choose its place. `notes` holds what was changed until then even where it fails.
+///
+/// # Errors
+/// [`OnboardError::Hand`] for what is wrong with the file, [`OnboardError::MuJoCo`] for what MuJoCo refuses,
+/// [`OnboardError::Survey`] for what the survey does not find, [`OnboardError::HandExists`] for a directory that is there. Nothing is left behind.
+pub fn new_hand(
+    request: &NewHand,
+    library: &Arc<MuJoCo>,
+    setting: &Setting,
+    notes: &mut Vec<String>,
+) -> Result<NewHandReport, OnboardError> {
+    let directory = &request.directory;
+    if !is_hand_name(&request.name) {
+        return Err(OnboardError::HandName { got: request.name.clone() });
+    }
+    let occupied = directory.is_file() || fs::read_dir(directory).is_ok_and(|mut entries| entries.next().is_some());
+    if occupied {
+        return Err(OnboardError::HandExists { path: directory.clone() });
+    }
+    let mut imported = import(&request.source, &request.options, notes)?;
+    if let Some(arm) = arm(library, &imported.model, &imported.assets, &request.hints)? {
+        imported.leave_out_arm(&arm.hand, &arm.joints, notes);
+    }
+    let found = survey(library, &imported.model, &imported.assets, &request.hints)?;
+    let tips = add_tips(&mut imported.model, &found);
+    exclude_overlaps(&mut imported.model, &found, notes);
+    clear_the_way(&mut imported.model, &found, notes);
+    name_meshes_directory(&mut imported);
+    if !found.stuck.is_empty() {
+        notes.push(format!("joints that no actuator moves are left out of the posture: {}", found.stuck.join(", ")));
+    }
+    let report = report(request, &found, tips, notes.clone());
+    write(request, &imported, found, report, library, setting)
+}
+
+fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec<String>) -> NewHandReport {
+    let those = |which: Closing| {
+        found.closing.iter().filter(|(_, closing)| *closing == which).map(|(name, _)| name.clone()).collect()
+    };
+    NewHandReport {
+        name: request.name.clone(),
+        directory: request.directory.clone(),
+        palm: found.palm.clone(),
+        approach: found.approach,
+        fingertips,
+        reach_m: found.fingers.iter().map(|finger| finger.reach).collect(),
+        opening_m: found.opening,
+        object_scale: found.object_scale,
+        lifted: [0, 0],
+        close_up: those(Closing::Up),
+        close_down: those(Closing::Down),
+        neither: those(Closing::Neither),
+        notes,
+    }
+}
+
+/// Puts a site on the tip of every finger and returns their names.
+fn add_tips(model: &mut Element, found: &Survey) -> Vec<String> {
+    let mut taken = BTreeSet::new();
+    names(model, &mut taken);
+    let mut tips = Vec::new();
+    for finger in &found.fingers {
+        let mut name = format!("{}_{}", finger.body, if finger.body.ends_with("tip") { "site" } else { "tip" });
+        while taken.contains(&name) {
+            name.push('_');
+        }
+        taken.insert(name.clone());
+        let attributes = [
+            ("name", name.clone()),
+            ("pos", numbers(&finger.tip)),
+            ("size", "0.003".to_owned()),
+            ("group", "4".to_owned()),
+        ];
+        if let Some(body) = body_named(model, &finger.body) {
+            body.children.insert(0, XMLNode::Element(element("site", &attributes)));
+        }
+        tips.push(name);
+    }
+    tips
+}
+
+fn names(element: &Element, found: &mut BTreeSet<String>) {
+    found.extend(element.attributes.get("name").cloned());
+    elements(element).for_each(|child| names(child, found));
+}
+
+fn body_named<'a>(element: &'a mut Element, name: &str) -> Option<&'a mut Element> {
+    if element.name == "body" && attribute(element, "name") == Some(name) {
+        return Some(element);
+    }
+    elements_mut(element).filter(|e| matches!(e.name.as_str(), "worldbody" | "body")).find_map(|e| body_named(e, name))
+}
+
+fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
+    if found.overlaps.is_empty() {
+        return;
+    }
+    let exclude = |(a, b): &(String, String)| element("exclude", &[("body1", a.clone()), ("body2", b.clone())]);
+    append_section(model, "contact", found.overlaps.iter().map(exclude));
+    let pairs: Vec<String> = found.overlaps.iter().map(|(a, b)| format!("{a} and {b}")).collect();
+    notes.push(format!("links that overlap at rest do not touch one another: {}", pairs.join(", ")));
+}
+
+/// Lets what lies above the palm pass through the plane, which at a real table it would stand beside.
+fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
+    for name in &found.in_the_way {
+        let geoms =
+            body_named(model, name).into_iter().flat_map(|body| elements_mut(body).filter(|e| e.name == "geom"));
+        for geom in geoms {
+            for bits in ["contype", "conaffinity"] {
+                set(geom, bits, "0");
+            }
+        }
+    }
+    if !found.in_the_way.is_empty() {
+        let names = found.in_the_way.join(", ");
+        notes.push(format!("so that the palm can come down to the plane, these touch nothing: {names}"));
+    }
+}
+
+fn name_meshes_directory(imported: &mut Imported) {
+    if !imported.assets.is_empty() {
+        let compiler = element("compiler", &[("meshdir", ASSETS.to_owned())]);
+        imported.model.children.insert(0, XMLNode::Element(compiler));
+    }
+}
+
+/// Writes a directory beside the hand's place, reads it back, finds by scripted grasps where the hand has to hang, and moves
+/// the directory there.
+fn write(
+    request: &NewHand,
+    imported: &Imported,
+    mut found: Survey,
+    mut report: NewHandReport,
+    library: &Arc<MuJoCo>,
+    setting: &Setting,
+) -> Result<NewHandReport, OnboardError> {
+    let directory = &request.directory;
+    let parent = directory.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    create_directory(parent)?;
+    // Removed with all that is in it where a line below fails.
+    let partial = tempfile::Builder::new()
+        .prefix(&format!(".{}.", request.name))
+        .permissions(fs::Permissions::from_mode(0o777))
+        .tempdir_in(parent)
+        .map_err(cannot("create a directory in", parent))?;
+    let place = |name: &str| partial.path().join(name);
+    let save = |path: PathBuf, bytes: &[u8]| fs::write(&path, bytes).map_err(cannot("write", &path));
+    save(place(MODEL_FILE), print(&imported.model).as_bytes())?;
+    if !imported.assets.is_empty() {
+        create_directory(&place(ASSETS))?;
+    }
+    for (name, bytes) in &imported.assets {
+        save(place(ASSETS).join(name), bytes)?;
+    }
+    save(place(MANIFEST_FILE), manifest(request, imported, &found, &report).as_bytes())?;
+    if let Some(licence) = licence_of(&request.source) {
+        let copy = partial.path().join(licence.file_name().unwrap_or_default());
+        fs::copy(&licence, &copy).map_err(cannot("copy", &licence))?;
+    }
+    let Place { shift, lifted, tried } = best_place_of(&Hand::load(partial.path())?, library, setting)?;
+    let moved = found.mount.translation.vector + Vector3::new(shift[0], shift[1], 0.0);
+    found.mount.translation.vector = moved.map(|v| (v * 1e4).round() / 1e4);
+    report.lifted = [lifted, tried];
+    save(place(MANIFEST_FILE), manifest(request, imported, &found, &report).as_bytes())?;
+    save(place(README), readme(request, &report).as_bytes())?;
+    Hand::load(partial.path())?;
+    if directory.is_dir() {
+        fs::remove_dir(directory).map_err(cannot("replace", directory))?;
+    }
+    fs::rename(partial.path(), directory).map_err(cannot("write", directory))?;
+    Ok(report)
+}
+
+fn best_place_of(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Place, OnboardError> {
+    let task = GraspTask::new(library, hand, setting)?;
+    Ok(best_place(&Arc::new(task), &hand.manifest.closing, hand.manifest.objects.scale)?)
+}
+
+fn licence_of(source: &Path) -> Option<PathBuf> {
+    let source = source.canonicalize().ok()?;
+    source
+        .ancestors()
+        .skip(1)
+        .take(LICENCE_LEVELS)
+        .flat_map(|directory| LICENCES.map(|name| directory.join(name)))
+        .find(|path| path.is_file())
+}
+
+fn quoted(text: &str) -> String {
+    toml::Value::from(text).to_string()
+}
+
+fn list(items: &[String]) -> String {
+    toml::Value::from(items.to_vec()).to_string()
+}
+
+fn fixed(values: &[f64]) -> String {
+    // A float in TOML has a point.
+    let parts: Vec<String> = values.iter().map(|v| format!("{:?}", if *v == 0.0 { 0.0 } else { *v })).collect();
+    format!("[{}]", parts.join(", "))
+}
+
+fn manifest(request: &NewHand, imported: &Imported, found: &Survey, report: &NewHandReport) -> String {
+    let file = request.source.file_name().unwrap_or_default().to_string_lossy();
+    let digest = fs::read(&request.source).map(|bytes| sha256(&bytes)).unwrap_or_default();
+    let slide = slide_name(imported);
+    let rotation = found.mount.rotation;
+    let place = found.mount.translation.vector;
+    let mut text = String::new();
+    let n_joints = found.moving.len();
+    let n_fingers = report.fingertips.len();
+    let mut line = |content: String| {
+        text.push_str(&content);
+        text.push('\n');
+    };
+    line("# Every key is described in docs/hands.md. What was found and assumed is in README.md.".to_owned());
+    line(format!("schema = {SCHEMA}"));
+    line(format!("name = {}", quoted(&request.name)));
+    line(format!(
+        "description = {}",
+        quoted(&format!("{n_fingers} fingers, {n_joints} joints that move; from {file}"))
+    ));
+    line(format!("model = {}", quoted(MODEL_FILE)));
+    line(format!("palm = {}", quoted(&found.palm)));
+    line(format!("fingertips = {}", list(&report.fingertips)));
+    if !found.stuck.is_empty() {
+        let joints: Vec<String> = std::iter::once(slide.clone()).chain(found.moving.iter().cloned()).collect();
+        line(format!("posture_joints = {}", list(&joints)));
+    }
+    line("# An SPDX expression for the files here, such as \"BSD-3-Clause\".".to_owned());
+    line("licence = \"unknown\"".to_owned());
+    line(format!("provenance = {}", list(&[format!("{file}, SHA-256 {digest}")])));
+    line(format!("\n# The palm's approach, {}, points down; the grasp is above x = y = 0.", fixed(&found.approach)));
+    line("[mount]".to_owned());
+    line(format!("position = {}", fixed(place.as_slice())));
+    let round = |v: f64| (v * 1e8).round() / 1e8;
+    line(format!("quaternion = {}", fixed(&[rotation.w, rotation.i, rotation.j, rotation.k].map(round))));
+    line("\n[slide]".to_owned());
+    line(format!("name = {}", quoted(&slide)));
+    line(format!("range = {}", fixed(&found.slide_range)));
+    line("start = 0.0".to_owned());
+    line("# A grasp that is lifted faster is often shaken off.".to_owned());
+    line("rise_speed = 0.25".to_owned());
+    line("\n[open_posture]".to_owned());
+    for (joint, value) in &found.open_posture {
+        let _ = writeln!(text, "{} = {:?}", quoted(joint), value);
+    }
+    text.push_str("\n# 1: closes the hand at the upper end of its range, -1: at the lower.\n[closing]\n");
+    for (names, sign) in [(&report.close_up, 1), (&report.close_down, -1)] {
+        for name in names {
+            let _ = writeln!(text, "{} = {sign}", quoted(name));
+        }
+    }
+    let _ = write!(text, "\n[objects]\nscale = {:?}\n", found.object_scale);
+    text
+}
+
+fn slide_name(imported: &Imported) -> String {
+    let mut taken = BTreeSet::new();
+    names(&imported.model, &mut taken);
+    let mut name = "slide".to_owned();
+    while taken.contains(&name) {
+        name.insert_str(0, "hand_");
+    }
+    name
+}
+
+/// Says what was found and assumed, for `README.md` and the terminal.
+pub fn describe_new_hand(report: &NewHandReport) -> String {
+    let mut text = String::new();
+    let centimetres = |metres: f64| format!("{:.1} cm", 100.0 * metres);
+    let _ = writeln!(text, "- palm: `{}`, which approaches along {} of its frame", report.palm, axis(report.approach));
+    let fingers: Vec<String> = report
+        .fingertips
+        .iter()
+        .zip(&report.reach_m)
+        .map(|(tip, reach)| format!("`{tip}` ({} from its first joint)", centimetres(*reach)))
+        .collect();
+    let _ = writeln!(text, "- {} fingertips: {}", fingers.len(), fingers.join(", "));
+    for (what, actuators) in [
+        ("close the hand at the upper end of their range", &report.close_up),
+        ("close the hand at the lower end of their range", &report.close_down),
+        ("neither close nor open it", &report.neither),
+    ] {
+        if !actuators.is_empty() {
+            let _ = writeln!(text, "- actuators that {what}: {}", actuators.join(", "));
+        }
+    }
+    let _ = writeln!(
+        text,
+        "- the open hand is {} wide between its tips; objects are scaled by {}",
+        centimetres(report.opening_m),
+        report.object_scale
+    );
+    let [lifted, tried] = report.lifted;
+    let _ = writeln!(text, "- where it hangs, coming down, closing and rising lifts {lifted} of {tried} objects");
+    report.notes.iter().for_each(|note| text.push_str(&format!("- {note}\n")));
+    text
+}
+
+fn axis(direction: [f64; 3]) -> String {
+    let along = |i: usize| direction[i].abs() > 1.0 - 1e-9;
+    match (0..3).find(|&i| along(i)) {
+        Some(i) => format!("{}{}", if direction[i] < 0.0 { "-" } else { "+" }, ["x", "y", "z"][i]),
+        None => format!("({:.2}, {:.2}, {:.2})", direction[0], direction[1], direction[2]),
+    }
+}
+
+fn readme(request: &NewHand, report: &NewHandReport) -> String {
+    let file = request.source.file_name().unwrap_or_default().to_string_lossy();
+    format!(
+        "# {}\n\nMade from `{file}` by `cargo xtask hands new`. `model.xml` is that file, mended or converted for MuJoCo 2.2.2; \
+         `hand.toml` says how it is used.\n\n## Found and assumed\n\n{}",
+        request.name,
+        describe_new_hand(report)
+    )
+}

@@ -1,0 +1,49 @@
+//! What can be found out about a hand nobody has described: palm, fingers, fingertips, the way it closes, and how to
+//! hang it above a plane.
+//!
+//! Nothing is read from names. The hand is driven without gravity and without contacts, by its own actuators, and what
+//! its parts do is measured; so couplings, tendons and closed loops count as they are.
+
+use std::sync::Arc;
+
+use eigenhand_hands::xmltree::Element;
+use eigenhand_mujoco::{Model, MuJoCo};
+
+use crate::error::OnboardError;
+
+mod arm;
+mod findings;
+mod fingers;
+mod lab;
+mod stand;
+
+pub use arm::{Arm, arm};
+pub use findings::{Closing, Finger, Hints, Survey};
+use fingers::{chains, palm};
+use lab::Lab;
+use stand::stand;
+
+/// Surveys the hand whose model is `root`, with the files that it names.
+///
+/// # Errors
+/// [`OnboardError::MuJoCo`] with MuJoCo's reason, [`OnboardError::Survey`] if no palm or finger is identified.
+pub fn survey(
+    library: &Arc<MuJoCo>,
+    root: &Element,
+    assets: &[(String, Vec<u8>)],
+    hints: &Hints,
+) -> Result<Survey, OnboardError> {
+    let model = Arc::new(Model::from_xml(library, &stand(root, "disable"), assets)?);
+    let touching = Arc::new(Model::from_xml(library, &stand(root, "enable"), assets)?);
+    let palm = palm(&model, hints)?;
+    let chains = chains(&model, palm)?;
+    let mut lab = Lab::new(&model, palm)?;
+    let mut poses = lab.postures(chains)?;
+    lab.approach(&poses, hints.approach)?;
+    lab.leave_out_guides(&mut poses);
+    lab.straighten(&poses);
+    lab.check_fingers(&poses)?;
+    let closing = lab.closing(&poses)?;
+    let open = lab.open(&closing)?;
+    lab.report(&poses, closing, open, &touching)
+}

@@ -1,0 +1,160 @@
+//! The tree of a hand: its palm, its fingers and their tips.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use eigenhand_mujoco::{BodyId, Data, GeomId, JointId, Model};
+use nalgebra::Vector3;
+
+use super::findings::Hints;
+use super::stand::CARRIAGE;
+use crate::error::{OnboardError, refuse};
+
+/// Bodies that an error names at most.
+const SHOWN: usize = 15;
+
+/// A finger while it is measured.
+pub(super) struct Chain {
+    /// Joint nearest to the palm.
+    pub(super) first_joint: JointId,
+    /// Body that bears the tip.
+    pub(super) tip_body: BodyId,
+    /// The tip in the body's frame.
+    pub(super) tip: Vector3<f64>,
+    /// Whether every joint of the finger follows another one.
+    pub(super) follows: bool,
+}
+
+/// Bodies from `body` up to the world, itself first.
+pub(super) fn ancestors(model: &Model, body: BodyId) -> impl Iterator<Item = BodyId> + '_ {
+    let mut next = Some(body);
+    std::iter::from_fn(move || {
+        let current = next?;
+        let parent = model.body_parent(current);
+        next = (parent != current).then_some(parent);
+        Some(current)
+    })
+}
+
+/// Tells for every body whether a joint of the hand moves it against its parent.
+pub(super) fn jointed(model: &Model) -> Vec<bool> {
+    let mut found = vec![false; model.nbody()];
+    for joint in model.joints().filter(|&joint| model.joint_name(joint) != CARRIAGE) {
+        found[model.joint_body(joint).index()] = true;
+    }
+    found
+}
+
+/// The palm: the body that is named, or else what carries every finger.
+pub(super) fn palm(model: &Model, hints: &Hints) -> Result<BodyId, OnboardError> {
+    let Some(name) = &hints.palm else { return common_ancestor(model) };
+    let moves = jointed(model);
+    let carries =
+        |body: &BodyId| body.index() > 0 && model.bodies().any(|b| moves[b.index()] && model.body_parent(b) == *body);
+    model.body(name).map_err(|_| {
+        let names = model.bodies().filter(carries).map(|b| model.body_name(b)).filter(|name| name != CARRIAGE);
+        let names: Vec<String> = names.take(SHOWN).collect();
+        refuse(format!("the file has no body {name:?}; bodies that carry moving parts are {}", names.join(", ")))
+    })
+}
+
+/// The lowest body above all moving parts: whatever carries every finger.
+fn common_ancestor(model: &Model) -> Result<BodyId, OnboardError> {
+    let moves = jointed(model);
+    let has_child_that_moves = |body: BodyId| {
+        model.bodies().any(|b| moves[b.index()] && b != body && ancestors(model, b).skip(1).any(|a| a == body))
+    };
+    let ends: Vec<BodyId> = model.bodies().filter(|&b| moves[b.index()] && !has_child_that_moves(b)).collect();
+    let first = *ends.first().ok_or_else(|| refuse("the model has no joint"))?;
+    let shared = ancestors(model, first)
+        .skip(usize::from(ends.len() == 1))
+        .find(|&a| ends.iter().all(|&end| end != a && ancestors(model, end).any(|b| b == a)));
+    shared
+        .filter(|&b| b.index() > 0 && model.body_name(b) != CARRIAGE)
+        .ok_or_else(|| refuse("no body carries all fingers; name the palm with --palm"))
+}
+
+/// Returns the body at the top of the rigid group of `body`: what no joint moves against it.
+pub(super) fn rigid_root(model: &Model, moves: &[bool], body: BodyId) -> BodyId {
+    ancestors(model, body).find(|b| moves[b.index()] || model.body_parent(*b).index() == 0).unwrap_or(body)
+}
+
+/// Finds the fingers: what hangs on the palm by a joint. Parts that a closed loop ties together are one finger.
+pub(super) fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, OnboardError> {
+    let moves = jointed(model);
+    let group = rigid_root(model, &moves, palm);
+    let in_palm = |b: BodyId| rigid_root(model, &moves, b) == group;
+    // The branch of a body: the first moving body on the way from the palm to it.
+    let branch = |body: BodyId| -> Option<BodyId> {
+        let path: Vec<BodyId> = ancestors(model, body).take_while(|&b| !in_palm(b)).collect();
+        let top = *path.last()?;
+        in_palm(model.body_parent(top)).then_some(top)
+    };
+    let mut leader: BTreeMap<BodyId, BodyId> = model.bodies().filter_map(|b| branch(b).map(|top| (top, top))).collect();
+    for (a, b) in model.tied_bodies() {
+        if let (Some(a), Some(b)) = (branch(a), branch(b)) {
+            let (from, to) = (leader[&a], leader[&b]);
+            leader.values_mut().filter(|l| **l == from).for_each(|l| *l = to);
+        }
+    }
+    let mut data = Data::new(model)?;
+    data.forward();
+    let mut tops: Vec<BodyId> = leader.values().copied().collect();
+    tops.sort_unstable();
+    tops.dedup();
+    let mut found = Vec::new();
+    for top in tops {
+        let bodies: Vec<BodyId> =
+            model.bodies().filter(|&b| branch(b).is_some_and(|branch| leader[&branch] == top)).collect();
+        found.extend(chain(model, &data, &moves, palm, bodies));
+    }
+    if found.is_empty() {
+        let palm = model.body_name(palm);
+        return Err(refuse(format!(
+            "nothing that can touch an object hangs on {palm:?} by a joint; name the palm with --palm"
+        )));
+    }
+    Ok(found)
+}
+
+/// The tip is the point of the finger's last moving part that lies farthest from the joints before it.
+pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bodies: Vec<BodyId>) -> Option<Chain> {
+    let depth = |body: BodyId| ancestors(model, body).filter(|b| moves[b.index()]).count();
+    let joint_of = |body: BodyId| model.joints().find(|&j| model.joint_body(j) == body);
+    let first_joint = bodies.iter().find_map(|&b| joint_of(b))?;
+    let base = base_of(model, data, palm, first_joint);
+    let geoms: Vec<GeomId> =
+        model.geoms().filter(|&g| model.geom_collides(g) && bodies.contains(&model.geom_body(g))).collect();
+    let deepest = geoms.iter().map(|&g| depth(model.geom_body(g))).max()?;
+    let (body, point) = geoms
+        .iter()
+        .filter(|&&g| depth(model.geom_body(g)) == deepest)
+        .map(|&g| {
+            let part = rigid_root(model, moves, model.geom_body(g));
+            let from = joint_of(part).map_or(base, |joint| base_of(model, data, palm, joint));
+            let away = data.geom_position(g) - from;
+            // A jaw ends where it reaches farthest across the way it slides.
+            let slides = joint_of(part).filter(|&joint| model.joint_slides(joint)).map(|joint| data.joint_axis(joint));
+            let away = slides.map_or(away, |axis| away - axis * away.dot(&axis));
+            let outward = if away.norm() > 1e-6 { away } else { from - base };
+            // On the line through the geom's middle: a box's farthest point is a corner.
+            let (middle, outward) = (data.geom_position(g), outward.try_normalize(1e-9).unwrap_or_else(Vector3::z));
+            let length = (data.farthest_point(g, &outward) - middle).dot(&outward);
+            (model.geom_body(g), middle + outward * length)
+        })
+        .max_by(|a, b| (a.1 - base).norm().total_cmp(&(b.1 - base).norm()))?;
+    let tip = data.body_orientation(body).inverse_transform_vector(&(point - data.body_position(body)));
+    let following = model.following_joints();
+    let follows = model.joints().filter(|&j| bodies.contains(&model.joint_body(j))).all(|j| following.contains(&j));
+    Some(Chain { first_joint, tip_body: body, tip, follows })
+}
+
+/// Where a finger begins: the axis of a joint that turns, the middle of the palm for one that slides.
+pub(super) fn base_of(model: &Model, data: &Data, palm: BodyId, joint: JointId) -> Vector3<f64> {
+    if !model.joint_slides(joint) {
+        return data.joint_anchor(joint);
+    }
+    let own: Vec<Vector3<f64>> =
+        model.geoms().filter(|&g| model.geom_body(g) == palm).map(|g| data.geom_position(g)).collect();
+    if own.is_empty() { data.body_position(palm) } else { own.iter().sum::<Vector3<f64>>() / own.len() as f64 }
+}

@@ -1,0 +1,184 @@
+//! The open hand above the plane: how far it is closed, what size of object fits, and how it hangs.
+
+use std::collections::BTreeSet;
+use std::sync::Arc;
+
+use eigenhand_mujoco::{BodyId, Data, GeomId, JointId, Model};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use super::{Lab, Pose, snap};
+use crate::error::{OnboardError, refuse};
+use crate::survey::findings::{Closing, Finger, Survey};
+use crate::survey::fingers::ancestors;
+use crate::survey::stand::CARRIAGE;
+
+/// Reach in m of a finger, and opening in m between fingertips, for which the objects have the right size.
+const USUAL_REACH: f64 = 0.1;
+const USUAL_OPENING: f64 = 0.11;
+/// Opening in m that the open posture aims at, for objects of scale 1.
+const OPENING: f64 = 0.13;
+/// Scales this near to 1 are 1.
+const NEAR_ONE: f64 = 0.25;
+const SCALES: [f64; 2] = [0.3, 1.0];
+/// Height in m of the tallest object of scale 1, and the room above it.
+const TALLEST: f64 = 0.095;
+const ROOM: f64 = 0.012;
+/// How far in m the hand can press on the plane, and its travel above that.
+const PRESS: f64 = 0.005;
+const TRAVEL: f64 = 0.28;
+/// A joint that moves less than this (rad, m) over all postures is stuck.
+const STUCK: f64 = 1e-4;
+
+impl Lab<'_> {
+    /// Controls of the hand closed by a share of each closing actuator's range.
+    fn closed_by(&self, closing: &[Closing], share: f64) -> Vec<f64> {
+        self.ranges
+            .iter()
+            .zip(closing)
+            .map(|(&(low, high), closing)| match closing {
+                Closing::Up => low + share * (high - low),
+                Closing::Down => high - share * (high - low),
+                Closing::Neither if low <= 0.0 && 0.0 <= high => 0.0,
+                Closing::Neither => (low + high) / 2.0,
+            })
+            .collect()
+    }
+
+    /// Twice the mean distance of the tips from the line of approach.
+    fn opening(&self, tips: &[Vector3<f64>]) -> f64 {
+        let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
+        let across = |tip: &Vector3<f64>| {
+            let from = tip - centre;
+            (from - self.approach * from.dot(&self.approach)).norm()
+        };
+        2.0 * tips.iter().map(across).sum::<f64>() / tips.len().max(1) as f64
+    }
+
+    /// Finds how far closed the hand should start: controls, opening and scale of the objects.
+    pub(in crate::survey) fn open(&mut self, closing: &[Closing]) -> Result<(Vec<f64>, f64, f64), OnboardError> {
+        const SHARES: [f64; 9] = [0.08, 0.15, 0.22, 0.29, 0.36, 0.43, 0.5, 0.57, 0.64];
+        let mut tried = Vec::new();
+        for share in SHARES {
+            let controls = self.closed_by(closing, share);
+            let tips = self.take(&controls)?;
+            tried.push((controls, self.opening(&tips)));
+        }
+        let widest = tried.iter().map(|(_, opening)| *opening).fold(0.0, f64::max);
+        let reach =
+            self.straight.iter().map(|straight| straight.length).sum::<f64>() / self.straight.len().max(1) as f64;
+        let scale = (reach / USUAL_REACH).min(widest / USUAL_OPENING);
+        let scale = if (scale - 1.0).abs() <= NEAR_ONE { 1.0 } else { (scale * 20.0).round() / 20.0 };
+        let scale = scale.clamp(SCALES[0], SCALES[1]);
+        let wanted = OPENING * scale;
+        let best = tried.into_iter().min_by(|a, b| (a.1 - wanted).abs().total_cmp(&(b.1 - wanted).abs()));
+        let (controls, opening) = best.ok_or_else(|| refuse("the hand has no actuator"))?;
+        Ok((controls, opening, scale))
+    }
+
+    pub(in crate::survey) fn report(
+        mut self,
+        poses: &[Pose],
+        closing: Vec<Closing>,
+        (controls, opening, object_scale): (Vec<f64>, f64, f64),
+        touching: &Arc<Model>,
+    ) -> Result<Survey, OnboardError> {
+        let tips = self.take(&controls)?;
+        let model = Arc::clone(self.model);
+        let hand_joints: Vec<JointId> = model.joints().filter(|&j| model.joint_name(j) != CARRIAGE).collect();
+        let range = |j: JointId| self.highest[model.qpos_address(j)] - self.lowest[model.qpos_address(j)];
+        let (moving, stuck): (Vec<JointId>, Vec<JointId>) = hand_joints.iter().partition(|&&j| range(j) > STUCK);
+        let open_posture = hand_joints
+            .iter()
+            .map(|&j| {
+                let q = (self.data.qpos()[model.qpos_address(j)] * 1e4).round() / 1e4;
+                // A servo pulls a joint past its range, and rounding may, too.
+                let q = model.joint_range(j).map_or(q, |(low, high)| q.clamp(low, high));
+                (model.joint_name(j), q)
+            })
+            .collect();
+        let (mount, slide_range, in_the_way) = self.mount(poses, &tips, object_scale);
+        let overlaps = self.overlaps(touching)?;
+        let names = |joints: &[JointId]| joints.iter().map(|&j| model.joint_name(j)).collect();
+        let fingers = self
+            .chains
+            .iter()
+            .zip(&self.straight)
+            .map(|(chain, straight)| Finger {
+                body: model.body_name(chain.tip_body),
+                tip: chain.tip.map(|v| (v * 1e5).round() / 1e5).into(),
+                reach: straight.length,
+            })
+            .collect();
+        Ok(Survey {
+            palm: model.body_name(self.palm),
+            fingers,
+            approach: self.approach.into(),
+            closing: model.actuators().map(|id| model.actuator_name(id)).zip(closing).collect(),
+            open_posture,
+            opening,
+            object_scale,
+            mount,
+            slide_range,
+            moving: names(&moving),
+            stuck: names(&stuck),
+            in_the_way: in_the_way.into_iter().map(|body| model.body_name(body)).collect(),
+            overlaps,
+        })
+    }
+
+    /// Turns the direction of approach down and the fingers along x, and puts the tallest object under the open hand.
+    fn mount(&self, poses: &[Pose], tips: &[Vector3<f64>], scale: f64) -> (Isometry3<f64>, [f64; 2], Vec<BodyId>) {
+        let down = self.approach;
+        let straight: Vector3<f64> = (0..self.chains.len())
+            .map(|f| poses[self.straight[f].pose].tips[f] - self.base(&self.chains[f]))
+            .map(|v| v.try_normalize(1e-9).unwrap_or_else(Vector3::zeros))
+            .sum();
+        let level = |v: Vector3<f64>| (v - down * v.dot(&down)).try_normalize(0.3);
+        let forward = level(straight)
+            .map(|v| level(snap(&v)).unwrap_or(v))
+            .or_else(|| [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().find_map(level))
+            .unwrap_or_else(Vector3::x);
+        let side = (-down).cross(&forward);
+        let world_from_palm = Rotation3::from_matrix_unchecked(Matrix3::from_rows(&[
+            forward.transpose(),
+            side.transpose(),
+            -down.transpose(),
+        ]));
+        let turn =
+            UnitQuaternion::from_rotation_matrix(&world_from_palm) * self.data.body_orientation(self.palm).inverse();
+        // The carriage stands at the world's origin and is not turned, so `turn` is the mount's.
+        let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
+        let centre = turn * self.palm_pose().transform_point(&centre.into()).coords;
+        let up = turn.inverse_transform_vector(&Vector3::z());
+        let height = |g: GeomId| self.data.farthest_point(g, &-up).dot(&up);
+        let (below_palm, above_palm): (Vec<GeomId>, Vec<GeomId>) = self
+            .model
+            .geoms()
+            .filter(|&g| self.model.geom_collides(g))
+            .partition(|&g| ancestors(self.model, self.model.geom_body(g)).any(|body| body == self.palm));
+        let lowest = below_palm.iter().map(|&g| height(g)).fold(f64::INFINITY, f64::min);
+        let mut in_the_way: Vec<BodyId> =
+            above_palm.iter().filter(|&&g| height(g) < lowest).map(|&g| self.model.geom_body(g)).collect();
+        in_the_way.dedup();
+        let start = TALLEST * scale + ROOM;
+        let round = |v: f64| (v * 1e4).round() / 1e4;
+        let position = Vector3::new(round(-centre.x), round(-centre.y), round(start - lowest));
+        let low = round(-start - PRESS);
+        (Isometry3::from_parts(Translation3::from(position), turn), [low, round(low + TRAVEL)], in_the_way)
+    }
+
+    /// Finds the pairs of bodies that are in contact in the present posture or the initial one.
+    fn overlaps(&self, model: &Arc<Model>) -> Result<Vec<(String, String)>, OnboardError> {
+        let mut found = BTreeSet::new();
+        let mut data = Data::new(model)?;
+        for posture in [self.data.qpos(), self.model.qpos0()] {
+            data.qpos_mut().copy_from_slice(posture);
+            data.forward();
+            for contact in data.contacts() {
+                let [a, b] = contact.geoms.map(|geom| model.geom_body(geom));
+                found.insert((a.min(b), a.max(b)));
+            }
+        }
+        Ok(found.into_iter().map(|(a, b)| (model.body_name(a), model.body_name(b))).collect())
+    }
+}

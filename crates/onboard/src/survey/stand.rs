@@ -1,0 +1,31 @@
+//! The stand on which a hand is surveyed.
+
+use eigenhand_hands::xml::{append, element, elements_mut, print, retain_elements};
+use eigenhand_hands::xmltree::Element;
+
+/// Name of the body that carries the hand while it is surveyed.
+pub(super) const CARRIAGE: &str = "survey/carriage";
+/// Step of its simulation in s.
+pub(super) const TIMESTEP: f64 = 0.004;
+
+/// The hand alone on a heavy carriage, so that nothing of it is welded to the world.
+pub(super) fn stand(root: &Element, contacts: &str) -> String {
+    let mut stand = root.clone();
+    retain_elements(&mut stand, |e| !matches!(e.name.as_str(), "option" | "size"));
+    let flag = element("flag", &[("gravity", "disable".into()), ("contact", contacts.to_owned())]);
+    let mut option = element("option", &[("timestep", TIMESTEP.to_string())]);
+    append(&mut option, flag);
+    append(&mut stand, option);
+    append(&mut stand, element("size", &[("nconmax", "1000".into()), ("njmax", "4000".into())]));
+    for world in elements_mut(&mut stand).filter(|e| e.name == "worldbody") {
+        let mut carriage = element("body", &[("name", CARRIAGE.into())]);
+        let inertial = [("pos", "0 0 0"), ("mass", "1000"), ("diaginertia", "10 10 10")];
+        append(&mut carriage, element("inertial", &inertial.map(|(key, value)| (key, value.to_owned()))));
+        let slide =
+            [("name", CARRIAGE), ("type", "slide"), ("axis", "0 0 1"), ("limited", "false"), ("stiffness", "0")];
+        append(&mut carriage, element("joint", &slide.map(|(key, value)| (key, value.to_owned()))));
+        carriage.children.append(&mut world.children);
+        append(world, carriage);
+    }
+    print(&stand)
+}

@@ -1,0 +1,26 @@
+//! What can go wrong in this crate.
+
+use eigenhand_mujoco::MuJoCoError;
+use eigenhand_sim::SimError;
+
+/// Errors of pictures.
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    /// The simulator.
+    #[error(transparent)]
+    MuJoCo(#[from] MuJoCoError),
+    /// The task whose scenes are drawn.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// A picture cannot be encoded.
+    #[error("cannot encode a picture of {width} x {height} pixels as PNG")]
+    Picture {
+        /// Its width.
+        width: usize,
+        /// Its height.
+        height: usize,
+        /// What the encoder says.
+        #[source]
+        source: png::EncodingError,
+    },
+}

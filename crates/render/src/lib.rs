@@ -1,0 +1,24 @@
+//! Pictures of a simulation, drawn by the processor: no display, no graphics card and no graphics library is needed.
+//!
+//! [`draw`] makes a [`Picture`] of a simulation as a [`Camera`] sees it, and [`hand_with_objects`] shows a hand above the
+//! table with each object.
+#![forbid(unsafe_code)]
+
+mod camera;
+mod canvas;
+mod error;
+mod geoms;
+mod hand;
+mod picture;
+mod raster;
+mod shapes;
+
+pub use camera::Camera;
+pub use canvas::draw;
+pub use error::RenderError;
+pub use geoms::{bounding_corners, drawn_geoms};
+pub use hand::hand_with_objects;
+pub use picture::Picture;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,213 @@
+//! What a report says: of each run, of the runs of each lambda together, and of the lambdas against one another.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::stats::{Contrast, Estimate};
+
+/// Success rates of which it is said when a run first reached them.
+pub const LEVELS: [f64; 3] = [0.5, 0.7, 0.9];
+
+/// What a report says, as `report.json` has it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Analysis {
+    /// Version of these keys.
+    pub schema: u32,
+    /// Name of the hand.
+    pub hand: String,
+    /// Every run, by lambda and seed.
+    pub runs: Vec<RunRecord>,
+    /// The runs of each lambda together.
+    pub lambdas: Vec<LambdaRecord>,
+    /// Each other lambda against the least.
+    pub differences: Vec<DifferenceRecord>,
+    /// What the numbers support, in words.
+    pub statements: Vec<String>,
+    /// What a reader has to know before trusting them.
+    pub notes: Vec<String>,
+}
+
+/// One run.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunRecord {
+    /// Name of its directory.
+    pub run: String,
+    /// Weight of the synergy's feedback.
+    pub lambda: f64,
+    /// Seed.
+    pub seed: u64,
+    /// `complete`, `interrupted` or `unfinished`.
+    pub state: &'static str,
+    /// Training episodes so far.
+    pub episodes: u64,
+    /// Wall time so far in s.
+    pub wall_s: Option<f64>,
+    /// Success rate of the final evaluation.
+    pub success_rate: Option<f64>,
+    /// Its 95 % interval (Wilson 1927), over the episodes of that evaluation.
+    pub success_interval: Option<[f64; 2]>,
+    /// Episodes of that evaluation.
+    pub eval_episodes: u64,
+    /// The same for each object.
+    pub success_rate_per_object: BTreeMap<String, f64>,
+    /// Contribution rate of each component.
+    pub contribution: Vec<f64>,
+    /// Their sum.
+    pub contribution_sum: Option<f64>,
+    /// What the sum gained from the first evaluation with enough postures for feedback to the last.
+    pub contribution_change: Option<f64>,
+    /// Mean approximation error over the postures that the synergy is of, in rad.
+    pub mean_error_rad: Option<f64>,
+    /// Postures in the database.
+    pub n_postures: u64,
+    /// Mean penetration in the final evaluation's successes, in m.
+    pub mean_penetration_m: Option<f64>,
+    /// Training episodes before the policy that is the result.
+    pub policy_episode: Option<u64>,
+    /// First evaluation that reached each of [`LEVELS`].
+    pub reached: Vec<Option<Reached>>,
+}
+
+/// An evaluation.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Reached {
+    /// Training episodes before it.
+    pub episodes: f64,
+    /// Wall time before it, in s.
+    pub wall_s: f64,
+}
+
+/// The runs of one lambda.
+#[derive(Clone, Debug, Serialize)]
+pub struct LambdaRecord {
+    /// Weight of the synergy's feedback.
+    pub lambda: f64,
+    /// Runs.
+    pub n_runs: usize,
+    /// Those that are complete; all that follows is over them.
+    pub n_complete: usize,
+    /// By the name of the quantity.
+    pub quantities: BTreeMap<&'static str, Estimate>,
+    /// Contribution rate of each component.
+    pub contribution: Vec<Estimate>,
+    /// Success rate for each object.
+    pub objects: BTreeMap<String, Estimate>,
+    /// For each of [`LEVELS`].
+    pub levels: Vec<LevelRecord>,
+}
+
+/// When the runs of a lambda first reached a success rate.
+#[derive(Clone, Debug, Serialize)]
+pub struct LevelRecord {
+    /// The success rate.
+    pub success_rate: f64,
+    /// Complete runs that reached it.
+    pub n_reached: usize,
+    /// Median of the training episodes before, where more than half of the runs reached it.
+    pub median_episodes: Option<f64>,
+    /// The same of wall time in s.
+    pub median_wall_s: Option<f64>,
+}
+
+/// A quantity at one lambda against another.
+#[derive(Clone, Debug, Serialize)]
+pub struct DifferenceRecord {
+    /// The quantity.
+    pub quantity: Quantity,
+    /// The least lambda.
+    pub baseline: f64,
+    /// The other.
+    pub lambda: f64,
+    /// Complete runs of both.
+    pub n_runs: [usize; 2],
+    /// How much more the other has.
+    #[serde(flatten)]
+    pub contrast: Contrast,
+    /// What that supports, in words.
+    pub statement: String,
+}
+
+/// What is estimated over the complete runs of a lambda.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Quantity {
+    /// Success rate of the final evaluation.
+    SuccessRate,
+    /// Sum of the contribution rates.
+    ContributionSum,
+    /// Change of that sum along training.
+    ContributionChange,
+    /// Mean approximation error over the postures that the synergy is of.
+    MeanErrorRad,
+    /// Postures in the database.
+    NPostures,
+    /// Mean penetration.
+    MeanPenetrationM,
+    /// Wall time.
+    WallS,
+}
+
+impl Quantity {
+    /// All of them.
+    pub const ALL: [Quantity; 7] = [
+        Quantity::SuccessRate,
+        Quantity::ContributionSum,
+        Quantity::ContributionChange,
+        Quantity::MeanErrorRad,
+        Quantity::NPostures,
+        Quantity::MeanPenetrationM,
+        Quantity::WallS,
+    ];
+    /// Those in which lambdas are compared.
+    pub const COMPARED: [Quantity; 4] =
+        [Quantity::SuccessRate, Quantity::ContributionSum, Quantity::ContributionChange, Quantity::MeanErrorRad];
+
+    /// Returns the name in files.
+    pub fn key(self) -> &'static str {
+        match self {
+            Quantity::SuccessRate => "success_rate",
+            Quantity::ContributionSum => "contribution_sum",
+            Quantity::ContributionChange => "contribution_change",
+            Quantity::MeanErrorRad => "mean_error_rad",
+            Quantity::NPostures => "n_postures",
+            Quantity::MeanPenetrationM => "mean_penetration_m",
+            Quantity::WallS => "wall_s",
+        }
+    }
+
+    /// Returns a run's value.
+    pub fn of(self, run: &RunRecord) -> Option<f64> {
+        match self {
+            Quantity::SuccessRate => run.success_rate,
+            Quantity::ContributionSum => run.contribution_sum,
+            Quantity::ContributionChange => run.contribution_change,
+            Quantity::MeanErrorRad => run.mean_error_rad,
+            Quantity::NPostures => Some(run.n_postures as f64),
+            Quantity::MeanPenetrationM => run.mean_penetration_m,
+            Quantity::WallS => run.wall_s,
+        }
+    }
+}
+
+impl Analysis {
+    /// Returns the names of the objects that the runs evaluated.
+    pub fn objects(&self) -> Vec<String> {
+        objects(&self.runs)
+    }
+}
+
+impl RunRecord {
+    /// Tells whether the run was trained and evaluated to its end.
+    pub fn is_complete(&self) -> bool {
+        self.state == "complete"
+    }
+}
+
+/// Returns the names of the objects that runs evaluated.
+pub(crate) fn objects(runs: &[RunRecord]) -> Vec<String> {
+    let mut objects: Vec<String> = runs.iter().flat_map(|run| run.success_rate_per_object.keys().cloned()).collect();
+    objects.sort();
+    objects.dedup();
+    objects
+}

@@ -1,0 +1,331 @@
+//! Layers of configuration, and where each value came from.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use toml::de::{DeTable, DeValue};
+use toml::{Table, Value};
+
+use super::error::{ConfigError, InvalidSetting};
+use super::settings::parse_settings;
+use super::{DEFAULT, Preset, RunConfig};
+
+/// How alike two keys must be for one to be suggested for the other.
+const ALIKE: f64 = 0.7;
+
+/// Layers of configuration, each checked against the keys of the default as it is added.
+#[derive(Clone, Debug)]
+pub struct Layers {
+    merged: Table,
+    /// Where the value of each key was set, for the keys that are not the default's.
+    origins: BTreeMap<String, String>,
+}
+
+/// One value of a layer.
+struct Entry {
+    key: String,
+    /// None for a table without entries.
+    value: Option<Value>,
+    origin: String,
+}
+
+impl Layers {
+    /// Starts from the default and a preset.
+    ///
+    /// # Errors
+    /// None in a build whose tests pass: the texts are compiled in.
+    pub fn new(preset: Preset) -> Result<Layers, ConfigError> {
+        let merged = DEFAULT.parse().map_err(|error: toml::de::Error| ConfigError::Syntax {
+            origin: DEFAULT_ORIGIN.to_owned(),
+            reason: error.to_string(),
+        })?;
+        let mut layers = Layers { merged, origins: BTreeMap::new() };
+        if let Some(text) = preset.text() {
+            layers.add_text(&format!("preset {}", preset.name()), text)?;
+        }
+        layers.set("preset", preset.name(), "--preset")?;
+        Ok(layers)
+    }
+
+    /// Starts from a resolved configuration, as a run directory holds it.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the file and the key. A key that the file lacks is an error too: a run goes on as it began,
+    /// whatever the defaults have become.
+    pub fn of_run(path: &Path) -> Result<Layers, ConfigError> {
+        let mut layers = Layers::new(Preset::Default)?;
+        let required = layers.resolve()?.settings()?;
+        let text = read_layer(path)?;
+        let origin = path.display().to_string();
+        layers.add_text(&origin, &text)?;
+        let written = parse_settings(&origin, &text)?;
+        match required.into_keys().find(|key| !written.contains_key(key)) {
+            Some(key) => Err(ConfigError::Value {
+                origin,
+                reason: format!("{key} is absent: another version wrote it; use that version, or train again"),
+            }),
+            None => Ok(layers),
+        }
+    }
+
+    /// Adds the text of a file; `origin` names the file in errors.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the file, the line and the key.
+    pub fn add_text(&mut self, origin: &str, text: &str) -> Result<(), ConfigError> {
+        entries(origin, text)?.into_iter().try_for_each(|entry| self.add(entry))
+    }
+
+    /// Adds a `key=value` with a dotted key; the value is TOML, or text when it is not.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the key.
+    pub fn add_assignment(&mut self, assignment: &str) -> Result<(), ConfigError> {
+        let Some((key, value)) = assignment.split_once('=') else {
+            return Err(ConfigError::Syntax {
+                origin: format!("--set {assignment}"),
+                reason: "expected key=value, such as --set learner.gamma=0.95".to_owned(),
+            });
+        };
+        let (key, value) = (key.trim(), value.trim());
+        let parsed = toml_value(value).unwrap_or_else(|| Value::String(value.to_owned()));
+        self.set(key, parsed, &format!("--set {assignment}"))
+    }
+
+    /// Sets one dotted key; `origin` is the option that an error names.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the option and the key.
+    pub fn set(&mut self, key: &str, value: impl Into<Value>, origin: &str) -> Result<(), ConfigError> {
+        self.add(Entry { key: key.to_owned(), value: Some(value.into()), origin: origin.to_owned() })
+    }
+
+    /// Reads the sum of the layers.
+    ///
+    /// # Errors
+    /// [`ConfigError::Value`] names the file and line, or the option, that set a value which is out of range.
+    pub fn resolve(&self) -> Result<RunConfig, ConfigError> {
+        let config =
+            self.config().map_err(|reason| ConfigError::Value { origin: DEFAULT_ORIGIN.to_owned(), reason })?;
+        config
+            .validate()
+            .map_err(|invalid| ConfigError::Value { origin: self.culprit(&invalid), reason: invalid.to_string() })?;
+        Ok(config)
+    }
+
+    /// Returns the file with line, or the option, that set a key; none where the default holds.
+    pub fn origin(&self, key: &str) -> Option<&str> {
+        self.origins.get(key).map(String::as_str)
+    }
+
+    /// Returns where the value of a setting, or else of one that it depends on, was set.
+    fn culprit(&self, invalid: &InvalidSetting) -> String {
+        let mut keys = std::iter::once(invalid.key.as_str()).chain(invalid.related.iter().copied());
+        keys.find_map(|key| self.origin(key)).unwrap_or(DEFAULT_ORIGIN).to_owned()
+    }
+
+    fn config(&self) -> Result<RunConfig, String> {
+        let first_line = |error: toml::de::Error| error.message().lines().next().unwrap_or_default().to_owned();
+        Value::Table(self.merged.clone()).try_into().map_err(first_line)
+    }
+
+    fn add(&mut self, entry: Entry) -> Result<(), ConfigError> {
+        let Entry { key, value, origin } = entry;
+        let slot = find(&mut self.merged, &key, &origin)?;
+        let Some(value) = value else { return Ok(()) };
+        let shown = value.to_string();
+        match (&mut *slot, value) {
+            // TOML writes 1 where a float is meant.
+            (Value::Float(slot), Value::Integer(whole)) => *slot = whole as f64,
+            (Value::Table(_), _) => {
+                let reason = format!("{key} = {shown} is not allowed: {key} is a table of settings");
+                return Err(ConfigError::Value { origin, reason });
+            }
+            (slot, value) => *slot = value,
+        }
+        if let Err(reason) = self.config() {
+            return Err(ConfigError::Value { origin, reason: format!("{key} = {shown} is not allowed: {reason}") });
+        }
+        self.origins.insert(key, origin);
+        Ok(())
+    }
+}
+
+/// What an error names when nobody set a value.
+const DEFAULT_ORIGIN: &str = "the default configuration";
+
+/// Reads the text of a layer.
+///
+/// # Errors
+/// [`ConfigError::Read`].
+pub(crate) fn read_layer(path: &Path) -> Result<String, ConfigError> {
+    std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
+}
+
+/// Reads one value as TOML writes it.
+fn toml_value(text: &str) -> Option<Value> {
+    format!("value = {text}").parse::<Table>().ok()?.remove("value")
+}
+
+/// Finds the value of a dotted key, or says which part of the key does not exist.
+fn find<'a>(table: &'a mut Table, key: &str, origin: &str) -> Result<&'a mut Value, ConfigError> {
+    let unknown =
+        |key: &str, nearest| ConfigError::UnknownKey { origin: origin.to_owned(), key: key.to_owned(), nearest };
+    let (mut known, mut prefix, mut rest) = (table, String::new(), key);
+    loop {
+        let (part, after) = rest.split_once('.').map_or((rest, None), |(part, after)| (part, Some(after)));
+        let path = format!("{prefix}{part}");
+        if !known.contains_key(part) {
+            let nearest = nearest(known, part).map(|near| format!("{prefix}{near}"));
+            return Err(unknown(&path, nearest));
+        }
+        let Some(after) = after else { return known.get_mut(part).ok_or_else(|| unknown(&path, None)) };
+        match known.get_mut(part) {
+            Some(Value::Table(inner)) => known = inner,
+            _ => return Err(unknown(key, Some(path))),
+        }
+        (prefix, rest) = (format!("{path}."), after);
+    }
+}
+
+/// Returns the key of a table that is most like a word, if one is alike.
+fn nearest<'a>(table: &'a Table, word: &str) -> Option<&'a String> {
+    let scored = table.keys().map(|known| (strsim::jaro_winkler(known, word), known));
+    scored.filter(|(score, _)| *score > ALIKE).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, known)| known)
+}
+
+/// Lists the values of a TOML text, each with its line.
+fn entries(origin: &str, text: &str) -> Result<Vec<Entry>, ConfigError> {
+    let syntax = |error: toml::de::Error| ConfigError::Syntax {
+        origin: origin.to_owned(),
+        reason: error.to_string().trim().to_owned(),
+    };
+    let root = DeTable::parse(text).map_err(syntax)?;
+    let mut found = Vec::new();
+    collect(root.get_ref(), "", origin, text, &mut found)?;
+    Ok(found)
+}
+
+fn collect(
+    table: &DeTable<'_>,
+    prefix: &str,
+    origin: &str,
+    text: &str,
+    found: &mut Vec<Entry>,
+) -> Result<(), ConfigError> {
+    for (name, value) in table.iter() {
+        let key = if prefix.is_empty() { name.get_ref().to_string() } else { format!("{prefix}.{}", name.get_ref()) };
+        let line = text.get(..name.span().start).unwrap_or_default().matches('\n').count() + 1;
+        let here = format!("{origin}, line {line}");
+        let value = match value.get_ref() {
+            DeValue::Table(inner) if !inner.is_empty() => {
+                collect(inner, &key, origin, text, found)?;
+                continue;
+            }
+            DeValue::Table(_) => None,
+            _ => match text.get(value.span()).and_then(toml_value) {
+                Some(value) => Some(value),
+                None => {
+                    return Err(ConfigError::Syntax {
+                        origin: here,
+                        reason: format!("the value of {key} cannot be read"),
+                    });
+                }
+            },
+        };
+        found.push(Entry { key, value, origin: here });
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Preset;
+
+    fn default() -> Layers {
+        Layers::new(Preset::Default).expect("compiled in")
+    }
+
+    #[test]
+    fn every_preset_resolves_and_survives_writing() {
+        for preset in [Preset::Default, Preset::Quick, Preset::Paper] {
+            let config = Layers::new(preset).and_then(|l| l.resolve()).expect("compiled in");
+            assert_eq!(config.preset, preset);
+            let text = config.to_toml().expect("TOML");
+            let directory = tempfile::tempdir().expect("a directory");
+            let path = directory.path().join("config.toml");
+            std::fs::write(&path, text).expect("writable");
+            assert_eq!(RunConfig::read(&path).expect("its own text"), config);
+        }
+    }
+
+    #[test]
+    fn an_unknown_key_is_answered_with_origin_and_nearest() {
+        let error = default().add_assignment("learner.gama=0.9").expect_err("no such key");
+        assert_eq!(
+            error.to_string(),
+            "--set learner.gama=0.9: unknown key \"learner.gama\"; did you mean \"learner.gamma\"?"
+        );
+        let error = default().add_assignment("lamda=1").expect_err("no such key");
+        assert!(error.to_string().contains("\"lambda\""), "{error}");
+    }
+
+    #[test]
+    fn layers_override_in_order() {
+        let mut layers = Layers::new(Preset::Quick).expect("compiled in");
+        layers.add_assignment("episodes = 7").expect("known");
+        layers.add_assignment("lambda=1").expect("an integer is a float");
+        layers.add_assignment("objects=[\"cube\", \"disc\"]").expect("known");
+        let config = layers.resolve().expect("valid");
+        assert_eq!((config.episodes, config.lambda), (7, 1.0));
+        assert_eq!(config.objects, ["cube", "disc"]);
+    }
+
+    #[test]
+    fn a_runs_configuration_is_complete() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("config.toml");
+        let text = default().resolve().and_then(|config| config.to_toml()).expect("compiled in");
+        let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("window")).collect();
+        assert!(without.len() < text.lines().count());
+        std::fs::write(&path, without.join("\n")).expect("writable");
+        let message = RunConfig::read(&path).expect_err("incomplete").to_string();
+        assert!(message.contains("synergy.window is absent"), "{message}");
+    }
+
+    #[test]
+    fn a_wrong_value_is_answered_with_its_layer_and_line() {
+        let in_file = |text: &str| {
+            let mut layers = default();
+            layers.add_text("run.toml", text).and_then(|()| layers.resolve()).expect_err(text).to_string()
+        };
+        for (text, expected) in [
+            (
+                "seed = 2\n\n[learner]\ngamma = 2.0\n",
+                "run.toml, line 4: learner.gamma = 2 is not allowed: expected a number",
+            ),
+            (
+                "learner.normalizer = { epsilon = -1.0 }",
+                "run.toml, line 1: learner.normalizer.epsilon = -1 is not allowed",
+            ),
+            (
+                "[task]\n# up\ngoal_height = [0.2, 0.1]\n",
+                "run.toml, line 3: task.goal_height = [0.2, 0.1] is not allowed",
+            ),
+            ("lambda = 1\nseed = \"abc\"\n", "run.toml, line 2: seed = \"abc\" is not allowed"),
+            ("[synergy]\nstart_after = 500\n", "run.toml, line 2: synergy.window = 300 is not allowed"),
+            ("learner = 3\n", "run.toml, line 1: learner = 3 is not allowed"),
+            ("[learner]\n[lerner]\n", "run.toml, line 2: unknown key \"lerner\"; did you mean \"learner\"?"),
+            ("seed.deep = 3\n", "run.toml, line 1: unknown key \"seed.deep\""),
+        ] {
+            let message = in_file(text);
+            assert!(message.starts_with(expected), "{message}");
+        }
+        let mut layers = default();
+        layers.add_text("run.toml", "learner.gamma = 0.9\n").expect("valid");
+        layers.add_assignment("learner.gamma=1.5").expect("a number");
+        let message = layers.resolve().expect_err("too large").to_string();
+        assert!(message.starts_with("--set learner.gamma=1.5: learner.gamma = 1.5 is not allowed"), "{message}");
+    }
+}

@@ -1,0 +1,279 @@
+//! The configuration of a run, in layers: default <- preset <- file <- `--set key=value` <- options.
+//!
+//! This file is the schema. Each of the [`Layers`] is a TOML table that may hold only keys of the default; their sum is
+//! [checked](RunConfig::validate) and written, fully resolved, into the run directory. The numbers of the defaults are in
+//! `presets/default.toml` alone.
+
+use std::path::Path;
+
+use eigenhand_rl::{DdpgConfig, ExplorationConfig, HerConfig};
+use eigenhand_sim::{PhysicsConfig, RewardConfig, Setting, TaskConfig};
+use serde::{Deserialize, Serialize};
+
+use crate::feedback::{Feedback, Penalty};
+
+mod error;
+mod layers;
+mod settings;
+mod validate;
+
+pub use error::{ConfigError, InvalidSetting};
+pub use layers::Layers;
+pub(crate) use layers::read_layer;
+pub(crate) use settings::parse_settings;
+pub use settings::{Settings, differences};
+
+const DEFAULT: &str = include_str!("../presets/default.toml");
+const QUICK: &str = include_str!("../presets/quick.toml");
+const PAPER: &str = include_str!("../presets/paper.toml");
+
+/// Version of the configuration's keys.
+pub const SCHEMA: u32 = 1;
+
+/// A named set of deviations from the default.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Preset {
+    /// The settings that learn best.
+    #[default]
+    Default,
+    /// One object and a small range: what a newcomer tries.
+    Quick,
+    /// The constants of the paper and of OpenAI baselines.
+    Paper,
+}
+
+impl Preset {
+    /// Every preset.
+    pub const ALL: [Preset; 3] = [Preset::Default, Preset::Quick, Preset::Paper];
+
+    /// Returns the name as `--preset` takes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Preset::Default => "default",
+            Preset::Quick => "quick",
+            Preset::Paper => "paper",
+        }
+    }
+
+    /// Says in a line what the preset is for.
+    pub fn meaning(self) -> &'static str {
+        match self {
+            Preset::Default => "The settings that learn best",
+            Preset::Quick => "One object and a small range: learns in minutes",
+            Preset::Paper => "The constants of the paper and of OpenAI baselines",
+        }
+    }
+
+    pub(super) fn text(self) -> Option<&'static str> {
+        match self {
+            Preset::Default => None,
+            Preset::Quick => Some(QUICK),
+            Preset::Paper => Some(PAPER),
+        }
+    }
+}
+
+/// Everything that determines a run's result.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunConfig {
+    /// Version of these keys.
+    pub schema: u32,
+    /// Name of the hand, or the path of its plugin directory.
+    pub hand: String,
+    /// Preset the run started from.
+    pub preset: Preset,
+    /// Seed of all random numbers.
+    pub seed: u64,
+    /// Weight of the synergy's feedback into the learner; in the reward that of the approximation error (paper, section 2.2).
+    pub lambda: f64,
+    /// Training episodes.
+    pub episodes: u64,
+    /// Names of the objects, drawn uniformly.
+    pub objects: Vec<String>,
+    /// Threads that simulate; 0 means one for each core. As many share each update of the learner. The result does not
+    /// depend on it.
+    pub workers: usize,
+    /// Whether the run directory gets event files for TensorBoard.
+    pub tensorboard: bool,
+    /// The training loop.
+    pub training: TrainingConfig,
+    /// Evaluations.
+    pub evaluation: EvaluationConfig,
+    /// The synergy space and its feedback.
+    pub synergy: SynergyConfig,
+    /// Success and reward.
+    pub reward: RewardConfig,
+    /// Episodes of the task.
+    pub task: TaskConfig,
+    /// Simulation.
+    pub physics: PhysicsConfig,
+    /// Networks and their updates.
+    pub learner: DdpgConfig,
+    /// Hindsight.
+    pub her: HerConfig,
+    /// Noise on training actions.
+    pub exploration: ExplorationConfig,
+}
+
+/// The training loop.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrainingConfig {
+    /// Episodes simulated between two rounds of updates.
+    pub episodes_per_cycle: usize,
+    /// Minibatches for each episode.
+    pub updates_per_episode: f64,
+    /// First episodes, which act at random; no update before them.
+    pub warmup_episodes: u64,
+    /// If fewer steps than this hold the object (mean of the last [`HELD_WINDOW`] episodes), every other episode is a
+    /// scripted grasp; needs `closing` in `hand.toml`.
+    pub least_held_steps: f64,
+    /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
+    pub slide_hold: f32,
+    /// Share of training after which learning rates fall linearly to `final_learning_rate`; 1 is never.
+    pub decay_start: f64,
+    /// Factor on both learning rates at the end of training.
+    pub final_learning_rate: f64,
+    /// Shares of training between which the exploration noise falls linearly to `final_noise`.
+    pub noise_decay: [f64; 2],
+    /// Factor on the noise's standard deviation and on the probability of random actions in the end.
+    pub final_noise: f64,
+    /// Episodes that replay holds.
+    pub replay_episodes: usize,
+    /// Episodes between two checkpoints.
+    pub checkpoint_every: u64,
+    /// Checkpoints kept.
+    pub checkpoints_kept: usize,
+}
+
+/// Episodes over which held steps are averaged.
+pub const HELD_WINDOW: usize = 100;
+
+/// Which of the learner's actors acts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ActorChoice {
+    /// The one that is trained.
+    Online,
+    /// The target that follows it.
+    Target,
+    /// Its average over many updates.
+    Average,
+}
+
+impl From<ActorChoice> for eigenhand_rl::Which {
+    fn from(choice: ActorChoice) -> eigenhand_rl::Which {
+        match choice {
+            ActorChoice::Online => eigenhand_rl::Which::Online,
+            ActorChoice::Target => eigenhand_rl::Which::Target,
+            ActorChoice::Average => eigenhand_rl::Which::Average,
+        }
+    }
+}
+
+/// Evaluations without exploration.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Training episodes between two evaluations.
+    pub every: u64,
+    /// Episodes of an evaluation during training.
+    pub episodes: u64,
+    /// Episodes of the final evaluation, on seeds of its own.
+    pub final_episodes: u64,
+    /// Networks that act: online, target or average.
+    pub actor: ActorChoice,
+    /// Policies of the best evaluations that are compared again at the end, where the best of them becomes the result;
+    /// 0 takes the last policy instead.
+    pub finalists: usize,
+    /// Episodes of that comparison, for each finalist.
+    pub selection_episodes: u64,
+}
+
+/// The synergy space and its feedback into the learner.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SynergyConfig {
+    /// Principal components (paper, section 3.1).
+    pub components: usize,
+    /// Newest postures that the analysis covers; 0 is all.
+    pub window: usize,
+    /// The feedback starts when the analysis covers more postures than this (paper, section 4).
+    pub start_after: usize,
+    /// Penalty on the reward of a success.
+    pub penalty: Penalty,
+    /// Cost of commands that the synergy cannot produce, in the actor's loss: this weight, times lambda, times the squared
+    /// distance between the command and the synergy's commands, for transitions that succeed. In 1/rad^2.
+    pub command_weight: f64,
+}
+
+impl RunConfig {
+    /// Returns the default configuration.
+    ///
+    /// # Errors
+    /// None in a build whose tests pass: the text is compiled in.
+    pub fn default_preset() -> Result<RunConfig, ConfigError> {
+        Layers::new(Preset::Default)?.resolve()
+    }
+
+    /// Reads a resolved configuration, as a run directory holds it.
+    ///
+    /// # Errors
+    /// [`ConfigError`] names the file and the key.
+    pub fn read(path: &Path) -> Result<RunConfig, ConfigError> {
+        Layers::of_run(path)?.resolve()
+    }
+
+    /// Writes the configuration as TOML.
+    ///
+    /// # Errors
+    /// [`ConfigError::Value`] when a number has no TOML form.
+    pub fn to_toml(&self) -> Result<String, ConfigError> {
+        toml::to_string(self)
+            .map_err(|error| ConfigError::Value { origin: "configuration".to_owned(), reason: error.to_string() })
+    }
+
+    /// Returns every setting by its dotted key.
+    ///
+    /// # Errors
+    /// As [`RunConfig::to_toml`].
+    pub fn settings(&self) -> Result<Settings, ConfigError> {
+        settings::parse_settings("configuration", &self.to_toml()?)
+    }
+
+    /// Returns the part that determines the grasp task.
+    pub fn setting(&self) -> Setting {
+        Setting {
+            objects: self.objects.clone(),
+            task: self.task.clone(),
+            physics: self.physics.clone(),
+            reward: self.reward.clone(),
+        }
+    }
+
+    /// Returns the synergy's feedback before there is a synergy.
+    pub fn feedback(&self) -> Feedback {
+        let SynergyConfig { penalty, command_weight, start_after, .. } = self.synergy;
+        Feedback::new(self.lambda, penalty, command_weight, start_after)
+    }
+
+    /// Returns the number of threads that simulate.
+    pub fn worker_count(&self) -> usize {
+        worker_count(self.workers)
+    }
+
+    /// Returns the number of threads that share an update.
+    pub fn learner_thread_count(&self) -> usize {
+        self.worker_count().min(self.learner.most_threads())
+    }
+}
+
+/// (0, or a number of threads) => the number of threads, where 0 means one for each core.
+pub fn worker_count(asked: usize) -> usize {
+    match asked {
+        0 => std::thread::available_parallelism().map_or(1, |n| n.get()),
+        n => n,
+    }
+}

@@ -1,0 +1,117 @@
+//! What a run counts, as a checkpoint records it.
+
+use std::collections::VecDeque;
+
+use eigenhand_mujoco::WarningCounts;
+use eigenhand_rl::UpdateStats;
+use serde::{Deserialize, Serialize};
+
+use crate::config::HELD_WINDOW;
+use crate::rollout::Episode;
+
+/// Noise-free training episodes over which recent success is reported.
+const RECENT: usize = 50;
+
+/// Counters of a run, as a checkpoint records them.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Counters {
+    /// Training episodes simulated, those that diverged included.
+    pub episodes: u64,
+    /// Control steps simulated in training.
+    pub env_steps: u64,
+    /// Minibatches learned from.
+    pub updates: u64,
+    /// Updates that are owed to the episodes so far, a fraction of one.
+    pub updates_owed: f64,
+    /// Training episodes that diverged.
+    pub diverged: u64,
+    /// Steps with a full contact or constraint buffer, or a bad inertia, in training.
+    pub buffer_warnings: u64,
+    /// Postures in the database.
+    pub postures: u64,
+    /// Seconds of wall time so far.
+    pub wall_s: f64,
+    /// Success rate of the last evaluation.
+    pub last_evaluation: Option<f64>,
+    /// Control steps at which an object was held off the plane in each of the last training episodes, oldest first.
+    pub held_steps: VecDeque<u64>,
+    /// Whether the last noise-free training episodes succeeded, oldest first.
+    pub recent: VecDeque<bool>,
+    /// Updates since the last evaluation.
+    pub sums: UpdateSums,
+}
+
+/// Sums over the updates since the last evaluation, of which `metrics.csv` has the means.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct UpdateSums {
+    /// Number of updates.
+    pub count: u64,
+    /// Losses of the critic.
+    pub critic_loss: f64,
+    /// Losses of the actor; 0 for an update that left the actor alone.
+    pub actor_loss: f64,
+    /// Mean values of the batches' actions.
+    pub q: f64,
+    /// Mean targets.
+    pub target: f64,
+    /// Shares of the targets that were clipped.
+    #[serde(default)]
+    pub clipped: f64,
+}
+
+impl UpdateSums {
+    /// (one of the sums) => the mean over the updates; none before the first
+    pub fn mean(&self, sum: f64) -> Option<f64> {
+        (self.count > 0).then(|| sum / self.count as f64)
+    }
+
+    /// Adds one update.
+    pub fn add(&mut self, stats: &UpdateStats) {
+        self.count += 1;
+        self.critic_loss += f64::from(stats.critic_loss);
+        self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
+        self.q += f64::from(stats.q_mean);
+        self.target += f64::from(stats.target_mean);
+        self.clipped += f64::from(stats.clipped_share);
+    }
+}
+
+impl Counters {
+    /// Mean of `held_steps`; 0 before the first episode.
+    pub fn mean_held_steps(&self) -> f64 {
+        self.held_steps.iter().sum::<u64>() as f64 / self.held_steps.len().max(1) as f64
+    }
+
+    /// Returns the share of the last noise-free training episodes that succeeded; none before the first.
+    pub fn recent_success(&self) -> Option<f64> {
+        let good = self.recent.iter().filter(|success| **success).count();
+        (!self.recent.is_empty()).then(|| good as f64 / self.recent.len() as f64)
+    }
+
+    /// Counts a training episode, and the updates that are owed for it.
+    pub fn count(&mut self, episode: &Episode, updates_per_episode: f64) {
+        self.episodes += 1;
+        let WarningCounts { contacts_full, constraints_full, inertia, .. } = episode.warnings;
+        self.buffer_warnings += contacts_full + constraints_full + inertia;
+        if episode.diverged {
+            self.diverged += 1;
+            return;
+        }
+        self.env_steps += episode.data.shape.n_steps as u64;
+        self.updates_owed += updates_per_episode;
+        push_newest(&mut self.held_steps, episode.held_steps, HELD_WINDOW);
+        if episode.greedy {
+            push_newest(&mut self.recent, episode.success, RECENT);
+        }
+    }
+}
+
+/// Appends to the newest `length` values.
+fn push_newest<T>(values: &mut VecDeque<T>, value: T, length: usize) {
+    values.push_back(value);
+    while values.len() > length {
+        values.pop_front();
+    }
+}

@@ -1,0 +1,139 @@
+//! The synergy's feedback into what is learned: a penalty on the reward, and a cost of commands in the actor's loss.
+
+use eigenhand_rl::ActionCost;
+use eigenhand_synergy::{ActuationMap, Synergy};
+use serde::{Deserialize, Serialize};
+
+mod command_cost;
+mod reward;
+
+pub use reward::GraspReward;
+
+/// The penalty on the reward of a success whose posture the synergy does not express.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Penalty {
+    /// No penalty on the reward.
+    None,
+    /// `lambda e`, without a bound, where `e` is the posture's distance from the synergy space.
+    ///
+    /// # Source
+    /// Paper, section 2.2.
+    Literal,
+}
+
+/// The current synergy, and how it feeds back.
+#[derive(Debug, Clone)]
+pub struct Feedback {
+    /// The newest analysis; none before the first.
+    synergy: Option<Synergy>,
+    lambda: f64,
+    penalty: Penalty,
+    command_weight: f64,
+    start_after: usize,
+}
+
+impl Feedback {
+    /// Returns the feedback before the first analysis, which does nothing yet.
+    ///
+    /// `lambda` scales both parts, `command_weight` the cost of commands alone. Nothing feeds back before an analysis covers
+    /// more than `start_after` postures.
+    pub fn new(lambda: f64, penalty: Penalty, command_weight: f64, start_after: usize) -> Self {
+        Feedback { synergy: None, lambda, penalty, command_weight, start_after }
+    }
+
+    /// Takes the newest analysis.
+    pub fn follow(&mut self, synergy: Option<Synergy>) {
+        self.synergy = synergy;
+    }
+
+    /// Returns the newest analysis, whether or not it feeds back.
+    pub fn synergy(&self) -> Option<&Synergy> {
+        self.synergy.as_ref()
+    }
+
+    /// Returns the synergy if it feeds back now: it covers enough postures, and `lambda` is not 0.
+    fn active(&self) -> Option<&Synergy> {
+        self.synergy().filter(|synergy| self.lambda != 0.0 && synergy.n_postures() > self.start_after)
+    }
+
+    /// (posture: one number for each joint) => what to subtract from the reward of a success in it
+    ///
+    /// # Panics
+    /// When the penalty is active and the posture has another length.
+    ///
+    /// # Source
+    /// Paper, section 2.2, and section 4 for its start.
+    pub fn penalty(&self, posture: &[f32]) -> f32 {
+        match (self.penalty, self.active()) {
+            (Penalty::Literal, Some(synergy)) => (self.lambda * f64::from(synergy.error_f32(posture))) as f32,
+            (Penalty::None, _) | (_, None) => 0.0,
+        }
+    }
+
+    /// Returns what actions cost in the actor's loss, on transitions that succeed.
+    pub fn action_cost(&self, actuation: &ActuationMap) -> Option<ActionCost> {
+        let weight = self.lambda * self.command_weight;
+        self.active().filter(|_| weight > 0.0).map(|synergy| command_cost::command_cost(synergy, actuation, weight))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use eigenhand_synergy::{JointInfo, Unit};
+
+    use super::*;
+
+    fn synergy(n_postures: i32) -> Option<Synergy> {
+        let joints =
+            ["a", "b"].map(|name| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -9.0, upper: 9.0 });
+        let postures: Vec<[f64; 2]> = (0..n_postures).map(|i| [f64::from(i) / 50.0 - 1.0, 0.0]).collect();
+        Some(Synergy::fit(&joints, &postures, 1).expect("enough postures"))
+    }
+
+    fn actuation() -> ActuationMap {
+        ActuationMap {
+            actuators: ["a", "b"].map(str::to_owned).to_vec(),
+            control_min: vec![-1.0; 2],
+            control_max: vec![1.0; 2],
+            matrix: vec![vec![1.0, 0.0], vec![0.0, 1.0]],
+            offset: vec![0.0; 2],
+        }
+    }
+
+    #[test]
+    fn the_penalty_starts_after_enough_postures() {
+        let mut feedback = Feedback::new(1.0, Penalty::Literal, 0.0, 100);
+        assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
+        feedback.follow(synergy(100));
+        assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
+        feedback.follow(synergy(101));
+        assert!((feedback.penalty(&[0.5, 0.25]) - 0.25).abs() < 1e-6);
+    }
+
+    #[test]
+    fn lambda_scales_the_penalty_and_the_form_turns_it_off() {
+        for (lambda, penalty, expected) in
+            [(2.0, Penalty::Literal, 0.5), (0.0, Penalty::Literal, 0.0), (2.0, Penalty::None, 0.0)]
+        {
+            let mut feedback = Feedback::new(lambda, penalty, 0.0, 100);
+            feedback.follow(synergy(101));
+            assert!((feedback.penalty(&[0.5, 0.25]) - expected).abs() < 1e-6, "{lambda} {penalty:?}");
+        }
+    }
+
+    #[test]
+    fn commands_cost_what_lambda_and_weight_say_once_the_feedback_has_started() {
+        let cost = |lambda, weight, n_postures| {
+            let mut feedback = Feedback::new(lambda, Penalty::None, weight, 100);
+            feedback.follow(synergy(n_postures));
+            feedback.action_cost(&actuation()).map(|cost| cost.cost(&[0.5, 0.25]))
+        };
+        assert_eq!([cost(0.0, 4.0, 101), cost(1.0, 0.0, 101), cost(1.0, 4.0, 100)], [None; 3]);
+        // The postures vary in the first joint alone, so that the second's command is what costs.
+        for (lambda, weight) in [(1.0, 4.0), (2.0, 8.0)] {
+            let found = cost(lambda, weight, 101).expect("it feeds back");
+            assert!((f64::from(found) - lambda * weight * 0.0625).abs() < 1e-6, "{found}");
+        }
+    }
+}

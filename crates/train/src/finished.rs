@@ -1,0 +1,181 @@
+//! A finished run: read from its directory, evaluated and exported.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use eigenhand_files::{FileError, cannot};
+use eigenhand_hands::{Hand, SearchPath};
+use eigenhand_mujoco::MuJoCo;
+use eigenhand_rl::{Policy, TensorMap};
+use eigenhand_sim::GraspTask;
+use eigenhand_synergy::{PostureDatabase, Synergy, newest};
+
+use crate::assessment::{Assessment, ObjectScore, wilson_interval};
+use crate::config::{ConfigError, Layers, RunConfig};
+use crate::error::TrainError;
+use crate::evaluation::{EvaluationStream, Tally, evaluate};
+use crate::hands::{check_digest, hand_named};
+use crate::products::{POLICY, POLICY_TEXT, Products, write_products};
+use crate::provenance::Provenance;
+use crate::rollout::WorkerPool;
+use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
+use crate::task::{joint_infos, task_of};
+
+/// Keys of the configuration that say where a policy acts and what counts as success, not how it learned.
+const SCENE_KEYS: [&str; 8] = [
+    "physics.",
+    "reward.success_distance",
+    "task.final_steps",
+    "task.goal_height",
+    "task.object_range",
+    "task.orientation",
+    "task.settle_time",
+    "task.steps",
+];
+
+/// A run that has a policy.
+pub struct FinishedRun {
+    /// Its directory.
+    pub directory: PathBuf,
+    /// Its configuration, with the changes that were asked for.
+    pub config: RunConfig,
+    /// Those changes, as `key=value`.
+    pub changed: Vec<String>,
+    /// What it was made with.
+    pub provenance: Provenance,
+    /// Its hand.
+    pub hand: Hand,
+    /// Its task.
+    pub task: Arc<GraspTask>,
+    /// The policy it hands out.
+    pub policy: Policy,
+}
+
+impl FinishedRun {
+    /// Reads a run and the hand it was made with; each of `changes` is a `key=value` that changes its scene.
+    ///
+    /// # Errors
+    /// [`TrainError::NotARun`] when there is no policy yet, [`TrainError::Damaged`] when a file cannot be read,
+    /// [`TrainError::HandChanged`] when the hand's files are no longer the same, and [`ConfigError`] for a change that
+    /// cannot be used or that no evaluation would notice.
+    pub fn open(directory: &Path, hands: &SearchPath, changes: &[String]) -> Result<FinishedRun, TrainError> {
+        require_run(directory)?;
+        let config = changed_config(directory, changes)?;
+        let provenance = read_provenance(directory)?;
+        let hand = hand_named(&config.hand, hands)?;
+        check_digest(directory, &hand, &provenance)?;
+        let task = task_of(&config, &hand, &MuJoCo::load()?)?;
+        let policy = read_policy(directory, &config, &hand, &task)?;
+        let (directory, changed) = (directory.to_owned(), changes.to_vec());
+        Ok(FinishedRun { directory, config, changed, provenance, hand, task, policy })
+    }
+
+    /// Runs `episodes` episodes of the policy without exploration.
+    ///
+    /// The episodes depend on `seed` alone, and come from a random stream that no training uses.
+    ///
+    /// # Errors
+    /// [`TrainError::Sim`], or [`TrainError::WorkerLost`].
+    pub fn evaluate(&self, episodes: u64, seed: u64, workers: usize) -> Result<Assessment, TrainError> {
+        let mut pool = WorkerPool::new(&self.task, workers)?;
+        let found = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, episodes)?;
+        let Tally { episodes, successes } = found.all;
+        Ok(Assessment {
+            run: self.directory.clone(),
+            hand: self.hand.manifest.name.clone(),
+            lambda: self.config.lambda,
+            seed,
+            changed: self.changed.clone(),
+            episodes,
+            successes,
+            success_rate: found.success_rate(),
+            interval: wilson_interval(successes, episodes),
+            objects: found.objects.iter().map(|(object, tally)| ObjectScore::of(object, *tally)).collect(),
+            mean_final_distance_m: found.mean_final_distance,
+            mean_penetration_m: found.mean_penetration,
+            diverged: found.diverged,
+            warnings: found.warnings,
+        })
+    }
+
+    /// Writes the synergy of the run's postures, the policy and the scenes into a directory that is new, empty or an
+    /// earlier export, and lists the files in it.
+    ///
+    /// # Errors
+    /// [`TrainError::ExportExists`] for any other directory, [`TrainError::Synergy`] for the posture database,
+    /// [`TrainError::File`].
+    pub fn export(&self, out: &Path) -> Result<Vec<PathBuf>, TrainError> {
+        let occupied = out.read_dir().is_ok_and(|mut entries| entries.next().is_some());
+        let exported = out.join(POLICY_TEXT).is_file() && !out.join(CONFIG).exists();
+        if out.is_file() || (occupied && !exported) {
+            return Err(TrainError::ExportExists { path: out.to_owned() });
+        }
+        let postures = PostureDatabase::open_existing(self.directory.join(DATABASE))?.postures()?;
+        let config = &self.config.synergy;
+        let synergy = Synergy::fit_newest(&joint_infos(&self.task)?, &postures, config.components, config.window)?;
+        let products = Products {
+            hand: &self.hand,
+            task: &self.task,
+            config: &self.config,
+            provenance: &self.provenance,
+            policy: &self.policy,
+            policy_episode: None,
+            synergy: synergy.as_ref(),
+            postures: newest(&postures, config.window),
+        };
+        write_products(&products, out)?;
+        let mut files = Vec::new();
+        list_files(out, &mut files)?;
+        files.sort();
+        Ok(files)
+    }
+}
+
+fn changed_config(directory: &Path, changes: &[String]) -> Result<RunConfig, ConfigError> {
+    let mut layers = Layers::of_run(&directory.join(CONFIG))?;
+    for change in changes {
+        layers.add_assignment(change)?;
+        let key = change.split('=').next().unwrap_or_default().trim();
+        if !SCENE_KEYS.iter().any(|known| key == *known || (known.ends_with('.') && key.starts_with(known))) {
+            let origin = format!("--set {change}");
+            let reason =
+                format!("an evaluation depends only on {}", SCENE_KEYS.join(", ").replace("physics.", "physics.*"));
+            return Err(ConfigError::Value { origin, reason });
+        }
+    }
+    layers.resolve()
+}
+
+fn read_policy(run: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) -> Result<Policy, TrainError> {
+    let path = run.join(POLICY);
+    let damaged = |reason: String| TrainError::Damaged {
+        path: path.clone(),
+        reason,
+        mend: format!("write it again with: train --resume {}", run.display()),
+    };
+    if !path.is_file() {
+        let reason = format!("it holds no {POLICY} yet; finish it with: train --resume {}", run.display());
+        return Err(TrainError::NotARun { path: run.to_owned(), reason });
+    }
+    let bytes = std::fs::read(&path).map_err(|error| damaged(error.to_string()))?;
+    let tensors = TensorMap::load_bytes(&bytes).map_err(|error| damaged(error.to_string()))?;
+    let policy =
+        Policy::import_tensors(&tensors, &config.learner.normalizer).map_err(|error| damaged(error.to_string()))?;
+    let expected = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
+    let found = (policy.obs_dim(), policy.goal_dim(), policy.act_dim());
+    if expected == found {
+        return Ok(policy);
+    }
+    Err(damaged(format!(
+        "it takes {} + {} numbers and gives {}, but the hand {} needs {} + {} and {}",
+        found.0, found.1, found.2, hand.manifest.name, expected.0, expected.1, expected.2
+    )))
+}
+
+fn list_files(directory: &Path, files: &mut Vec<PathBuf>) -> Result<(), FileError> {
+    for entry in directory.read_dir().map_err(cannot("read", directory))? {
+        let path = entry.map_err(cannot("read", directory))?.path();
+        if path.is_dir() { list_files(&path, files)? } else { files.push(path) }
+    }
+    Ok(())
+}

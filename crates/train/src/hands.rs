@@ -1,0 +1,32 @@
+//! Hands by name, and the check that a run goes on with the hand that it was made with.
+
+use std::path::Path;
+
+use eigenhand_hands::{Hand, HandError, Registry, SearchPath};
+
+use crate::error::TrainError;
+use crate::provenance::Provenance;
+
+/// Finds a hand by name or directory.
+///
+/// # Errors
+/// [`HandError`] when there is none, or it is broken.
+pub fn hand_named(name: &str, hands: &SearchPath) -> Result<Hand, HandError> {
+    Registry::discover(hands)?.get(name)
+}
+
+/// Checks that a hand is the one that a run was made with.
+///
+/// # Errors
+/// [`TrainError::HandChanged`].
+pub(crate) fn check_digest(run: &Path, hand: &Hand, provenance: &Provenance) -> Result<(), TrainError> {
+    if hand.digest == provenance.hand_digest {
+        return Ok(());
+    }
+    Err(TrainError::HandChanged {
+        hand: hand.manifest.name.clone(),
+        run: run.to_owned(),
+        expected: provenance.hand_digest.clone(),
+        found: hand.digest.clone(),
+    })
+}

@@ -1,0 +1,44 @@
+//! The rows of `metrics.csv`, and the same for TensorBoard.
+
+use crate::config::RunConfig;
+use crate::error::TrainError;
+use crate::metrics::{MetricsFile, MetricsRow, read_metrics};
+use crate::provenance::Provenance;
+use crate::run_dir::RunDirectory;
+use crate::tensorboard::EventFile;
+
+/// Where a run writes its evaluations.
+pub(crate) struct Journal {
+    metrics: MetricsFile,
+    events: Option<EventFile>,
+}
+
+impl Journal {
+    /// Opens the files of a run, without the rows of episodes after `episode`, which a resumed run writes again.
+    ///
+    /// # Errors
+    /// [`TrainError::File`], or [`TrainError::Damaged`] when a row cannot be read.
+    pub fn open(
+        run: &RunDirectory,
+        config: &RunConfig,
+        provenance: &Provenance,
+        episode: u64,
+    ) -> Result<Journal, TrainError> {
+        let metrics = MetricsFile::open(run.path(), episode)?;
+        let events = if config.tensorboard {
+            Some(EventFile::create(run.path(), provenance.started_unix_s, &read_metrics(run.path())?)?)
+        } else {
+            None
+        };
+        Ok(Journal { metrics, events })
+    }
+
+    /// Appends a row.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn append(&mut self, row: &MetricsRow) -> Result<(), TrainError> {
+        self.metrics.append(row)?;
+        self.events.as_mut().map_or(Ok(()), |events| events.append(row))
+    }
+}

@@ -1,0 +1,97 @@
+//! The postures of a run's successes: in the database, in memory, and their synergy.
+
+use eigenhand_sim::GraspTask;
+use eigenhand_synergy::{JointInfo, PostureDatabase, PostureRecord, Synergy, newest};
+
+use crate::config::{RunConfig, SynergyConfig};
+use crate::error::TrainError;
+use crate::rollout::Episode;
+use crate::run_dir::{DATABASE, RunDirectory};
+use crate::task::joint_infos;
+
+/// The postures of the successes so far.
+pub(crate) struct Postures {
+    database: PostureDatabase,
+    joints: Vec<JointInfo>,
+    all: Vec<Vec<f64>>,
+    config: SynergyConfig,
+    lambda: f64,
+    seed: u64,
+}
+
+impl Postures {
+    /// Opens the database of a run; it counts as empty until it is [restored](Self::restore).
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`] for the database, [`TrainError::JointUnit`].
+    pub fn open(run: &RunDirectory, config: &RunConfig, task: &GraspTask) -> Result<Postures, TrainError> {
+        let joints = joint_infos(task)?;
+        let database = PostureDatabase::open(run.file(DATABASE), &joints)?;
+        let RunConfig { synergy, lambda, seed, .. } = config.clone();
+        Ok(Postures { database, joints, all: Vec::new(), config: synergy, lambda, seed })
+    }
+
+    /// Reads back what a checkpoint counts: `expected` postures of the first `episodes` episodes.
+    ///
+    /// # Errors
+    /// [`TrainError::Damaged`] when the database holds fewer or more.
+    pub fn restore(&mut self, run: &RunDirectory, episodes: u64, expected: u64) -> Result<(), TrainError> {
+        self.database.truncate_from_episode(episodes)?;
+        self.all = self.database.postures()?;
+        let found = self.all.len();
+        if found as u64 == expected {
+            return Ok(());
+        }
+        Err(TrainError::Damaged {
+            path: run.file(DATABASE),
+            reason: format!("it holds {found} postures up to episode {episodes}, but the checkpoint counts {expected}"),
+            mend: "restore the file as it was, or train again with another --out".to_owned(),
+        })
+    }
+
+    /// Stores the postures of the episodes that succeeded, and returns how many.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn store(&mut self, episodes: &[Episode], task: &GraspTask) -> Result<u64, TrainError> {
+        let successes = episodes.iter().filter(|episode| episode.success && !episode.diverged);
+        let records: Vec<PostureRecord> = successes.map(|episode| self.record(episode, task)).collect();
+        if !records.is_empty() {
+            self.database.insert_all(&records)?;
+        }
+        let stored = records.len() as u64;
+        self.all.extend(records.into_iter().map(|record| record.posture));
+        Ok(stored)
+    }
+
+    fn record(&self, episode: &Episode, task: &GraspTask) -> PostureRecord {
+        let goal = &episode.data.desired_goal;
+        PostureRecord {
+            posture: episode.posture.clone(),
+            object: task.scenes[episode.scene].object.name.to_owned(),
+            episode: episode.index,
+            lambda: self.lambda,
+            seed: self.seed,
+            goal: [f64::from(goal[0]), f64::from(goal[1]), f64::from(goal[2])],
+            step: episode.data.shape.n_steps as u32,
+        }
+    }
+
+    /// Computes the synergy of the newest postures; none while they are too few.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn fit(&self) -> Result<Option<Synergy>, TrainError> {
+        Ok(Synergy::fit_newest(&self.joints, &self.all, self.config.components, self.config.window)?)
+    }
+
+    /// Returns the postures that the synergy is of.
+    pub fn newest(&self) -> &[Vec<f64>] {
+        newest(&self.all, self.config.window)
+    }
+
+    /// Returns the posture's joints.
+    pub fn joints(&self) -> &[JointInfo] {
+        &self.joints
+    }
+}

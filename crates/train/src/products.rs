@@ -1,0 +1,238 @@
+//! What a run hands out: the synergy, the policy, and scenes that plain MuJoCo runs it in.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use eigenhand_files::{create_directory, write_atomically};
+use eigenhand_hands::Hand;
+use eigenhand_rl::{Policy, PolicyScratch, rng};
+use eigenhand_sim::{GraspEnv, GraspTask, ObservationEntry, SimError, scene};
+use eigenhand_synergy::{Synergy, SynergyFile};
+use serde::Serialize;
+
+use crate::config::RunConfig;
+use crate::error::TrainError;
+use crate::provenance::Provenance;
+use crate::task::actuation_map;
+
+pub(crate) const POLICY: &str = "policy.safetensors";
+pub(crate) const POLICY_TEXT: &str = "policy.toml";
+const SYNERGY: &str = "synergy";
+const SCENES: &str = "scenes";
+const REFERENCE: &str = "reference.json";
+
+/// Everything that the products are made of.
+pub(crate) struct Products<'a> {
+    pub hand: &'a Hand,
+    pub task: &'a Arc<GraspTask>,
+    pub config: &'a RunConfig,
+    pub provenance: &'a Provenance,
+    pub policy: &'a Policy,
+    /// Training episodes before the policy, where that is known.
+    pub policy_episode: Option<u64>,
+    pub synergy: Option<&'a Synergy>,
+    pub postures: &'a [Vec<f64>],
+}
+
+#[derive(Serialize)]
+struct PolicyRecord {
+    schema: u32,
+    hand: String,
+    hand_digest: String,
+    policy_episode: Option<u64>,
+    seed: u64,
+    lambda: f64,
+    control_period_s: f64,
+    substeps: usize,
+    episode_steps: usize,
+    final_steps: usize,
+    success_distance_m: f64,
+    goal_height_m: [f64; 2],
+    object_range_m: f64,
+    scene: SceneRecord,
+    network: NetworkRecord,
+    normalizer: NormalizerRecord,
+    action: Vec<ActionRecord>,
+    observation: Vec<ObservationEntry>,
+    goal: Vec<ObservationEntry>,
+    start: StartRecord,
+}
+
+/// Names in every `scenes/<object>.xml`, by which another program tells what succeeds.
+#[derive(Serialize)]
+struct SceneRecord {
+    object_joint: &'static str,
+    object_geom: &'static str,
+    plane_geom: &'static str,
+    hand_body: &'static str,
+}
+
+#[derive(Serialize)]
+struct NetworkRecord {
+    weights: &'static str,
+    input: &'static str,
+    hidden: Vec<usize>,
+    hidden_activation: &'static str,
+    output_activation: &'static str,
+}
+
+#[derive(Serialize)]
+struct NormalizerRecord {
+    formula: &'static str,
+    raw_clip: f32,
+    norm_clip: f32,
+}
+
+#[derive(Serialize)]
+struct ActionRecord {
+    actuator: String,
+    low: f64,
+    high: f64,
+}
+
+#[derive(Serialize)]
+struct StartRecord {
+    joints: BTreeMap<String, f64>,
+    ctrl: Vec<f64>,
+}
+
+/// First step of an episode in one scene, by which another program can check itself.
+#[derive(Serialize)]
+struct ReferenceStep {
+    object: String,
+    qpos: Vec<f64>,
+    desired_goal: [f32; GraspTask::GOAL_LEN],
+    observation: Vec<f32>,
+    action: Vec<f32>,
+    next_observation: Vec<f32>,
+}
+
+/// Writes `synergy/`, `policy.safetensors`, `policy.toml` and `scenes/` into a directory.
+pub(crate) fn write_products(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    create_directory(directory)?;
+    write_synergy(products, directory)?;
+    write_atomically(&directory.join(POLICY), &products.policy.export_tensors().save_bytes()?)?;
+    let path = directory.join(POLICY_TEXT);
+    let text = toml::to_string(&policy_record(products))
+        .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+    write_atomically(&path, text.as_bytes())?;
+    write_scenes(products, &directory.join(SCENES))
+}
+
+fn write_synergy(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    let Some(synergy) = products.synergy else { return Ok(()) };
+    let file = SynergyFile {
+        hand: products.hand.manifest.name.clone(),
+        synergy: synergy.clone(),
+        actuation: Some(actuation_map(products.hand, products.task)),
+        provenance: BTreeMap::from([
+            ("hand_digest".to_owned(), products.provenance.hand_digest.clone()),
+            ("lambda".to_owned(), products.config.lambda.to_string()),
+            ("seed".to_owned(), products.config.seed.to_string()),
+            ("preset".to_owned(), products.config.preset.name().to_owned()),
+            ("eigenhand_version".to_owned(), products.provenance.eigenhand_version.clone()),
+            ("git_revision".to_owned(), products.provenance.git_revision.clone()),
+            ("mujoco_version".to_owned(), products.provenance.mujoco_version.clone()),
+        ]),
+    };
+    Ok(eigenhand_synergy::export(directory.join(SYNERGY), &file, products.postures)?)
+}
+
+fn policy_record(products: &Products) -> PolicyRecord {
+    let (task, config) = (products.task, products.config);
+    let axis = |name: &str| ObservationEntry { name: format!("object:{name}"), unit: "m" };
+    PolicyRecord {
+        schema: 1,
+        hand: products.hand.manifest.name.clone(),
+        hand_digest: products.provenance.hand_digest.clone(),
+        policy_episode: products.policy_episode,
+        seed: config.seed,
+        lambda: config.lambda,
+        control_period_s: task.physics.control_period(),
+        substeps: task.physics.substeps,
+        episode_steps: task.config.steps,
+        final_steps: task.config.final_steps,
+        success_distance_m: task.reward.success_distance,
+        goal_height_m: task.config.goal_height,
+        object_range_m: task.config.object_range,
+        scene: SceneRecord {
+            object_joint: scene::OBJECT_JOINT,
+            object_geom: scene::OBJECT_GEOM,
+            plane_geom: scene::PLANE,
+            hand_body: scene::MOUNT,
+        },
+        network: NetworkRecord {
+            weights: "policy.safetensors: actor.{i}.weight (outputs x inputs), actor.{i}.bias",
+            input: "normalised observation, then normalised goal",
+            hidden: config.learner.hidden.clone(),
+            hidden_activation: "relu",
+            output_activation: "tanh",
+        },
+        normalizer: NormalizerRecord {
+            formula: "clip((clip(x, -raw_clip, raw_clip) - mean) / std, -norm_clip, norm_clip)",
+            raw_clip: config.learner.normalizer.raw_clip,
+            norm_clip: config.learner.normalizer.norm_clip,
+        },
+        action: task
+            .actuators
+            .iter()
+            .zip(&task.control_ranges)
+            .map(|(name, &(low, high))| ActionRecord { actuator: name.clone(), low, high })
+            .collect(),
+        observation: task.observation_layout(),
+        goal: ["x", "y", "z"].map(axis).to_vec(),
+        start: StartRecord { joints: products.hand.open_posture(), ctrl: task.start_controls().to_vec() },
+    }
+}
+
+/// Writes every scene with the files it names, and a first step in each.
+fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    create_directory(directory)?;
+    let task = products.task;
+    let mut env = GraspEnv::new(task)?;
+    let mut scratch = products.policy.scratch();
+    let mut steps = Vec::new();
+    for (index, scene) in task.scenes.iter().enumerate() {
+        let name = scene.object.name;
+        write_atomically(&directory.join(format!("{name}.xml")), scene.scene.xml.as_bytes())?;
+        for (file, bytes) in &scene.scene.assets {
+            write_atomically(&directory.join(file), bytes)?;
+        }
+        match reference_step(products, &mut env, &mut scratch, index) {
+            Ok(step) => steps.push(step),
+            // A simulation that does not survive one step is nothing to compare with.
+            Err(SimError::Diverged { .. }) => tracing::warn!("no reference step with the {name}: it diverges"),
+            Err(error) => return Err(error.into()),
+        }
+    }
+    let path = directory.join(REFERENCE);
+    let text = serde_json::to_string(&steps)
+        .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+    Ok(write_atomically(&path, text.as_bytes())?)
+}
+
+/// Plays the first step of an episode.
+fn reference_step(
+    products: &Products,
+    env: &mut GraspEnv,
+    scratch: &mut PolicyScratch,
+    index: usize,
+) -> Result<ReferenceStep, SimError> {
+    let task = products.task;
+    let mut random = rng::stream(products.config.seed, "reference", index as u64);
+    env.reset(index, &mut random)?;
+    let mut step = ReferenceStep {
+        object: task.scenes[index].object.name.to_owned(),
+        qpos: env.simulation().qpos().to_vec(),
+        desired_goal: env.desired_goal(),
+        observation: vec![0.0; task.observation_len()],
+        action: vec![0.0; task.action_len()],
+        next_observation: vec![0.0; task.observation_len()],
+    };
+    env.observe(&mut step.observation);
+    products.policy.act(&step.observation, &step.desired_goal, scratch, &mut step.action);
+    env.step(&step.action)?;
+    env.observe(&mut step.next_observation);
+    Ok(step)
+}

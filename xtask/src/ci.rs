@@ -1,0 +1,90 @@
+//! `cargo xtask ci`
+
+use std::path::Path;
+use std::process::Command;
+use std::time::Instant;
+
+use anyhow::{Context, bail};
+use eigenhand_cli::output::{Outcome, duration};
+use eigenhand_cli::{search_path, setup};
+use eigenhand_hands::Registry;
+
+use crate::cargo::{PROFILE, cargo};
+use crate::python;
+
+/// Episodes of the smoke run before and after it is resumed.
+const SMOKE_EPISODES: [&str; 2] = ["12", "20"];
+/// Settings that make the smoke run pass through every stage in seconds.
+const SMOKE_SETTINGS: [&str; 5] = [
+    "training.warmup_episodes=6",
+    "training.checkpoint_every=4",
+    "evaluation.every=8",
+    "evaluation.episodes=4",
+    "evaluation.final_episodes=6",
+];
+
+/// Runs all that continuous integration runs: format, lints, tests, documentation, hands, and a short training
+#[derive(clap::Args)]
+#[command(after_help = "Stops at the first step that fails.\n\nExample:\n  cargo xtask ci")]
+pub struct Args {
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let started = Instant::now();
+    // Asked before the tests are built, which may put another file in its place.
+    let program = std::env::current_exe().context("cannot find this program's own file")?;
+    setup::ensure_mujoco(&args.install)?;
+    python::install()?;
+    step("format", &mut cargo(&["fmt", "--all", "--check"]))?;
+    step("lints", &mut cargo(&["clippy", "--workspace", "--all-targets", PROFILE, "--quiet", "--", "-D", "warnings"]))?;
+    let mut test = cargo(&["test", "--workspace", PROFILE, "--quiet"]);
+    python::require_in(&mut test);
+    step("tests", &mut test)?;
+    let mut doc = cargo(&["doc", "--workspace", "--no-deps", PROFILE, "--quiet"]);
+    step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
+    let registry = Registry::discover(&search_path(&[]))?;
+    if registry.list().is_empty() {
+        bail!("no hands were found: run this in the workspace");
+    }
+    for entry in registry.list() {
+        let name = format!("hand {}", entry.name);
+        step(&name, Command::new(&program).args(["hands", "check"]).arg(&entry.directory))?;
+    }
+    if let Some(entry) = registry.list().first() {
+        smoke(&program, &entry.directory)?;
+    }
+    eprintln!("ci: all steps passed in {}", duration(started.elapsed().as_secs_f64()));
+    Ok(Outcome::Done)
+}
+
+/// Trains for a few episodes, resumes, evaluates and exports, in a directory that is removed afterwards.
+fn smoke(program: &Path, hand: &Path) -> anyhow::Result<()> {
+    let scratch = tempfile::tempdir().context("cannot make a temporary directory")?;
+    let (run, out) = (scratch.path().join("run"), scratch.path().join("export"));
+    let mut train = Command::new(program);
+    train.args(["train", "--quiet", "--preset", "quick", "--episodes", SMOKE_EPISODES[0], "--hand"]).arg(hand);
+    SMOKE_SETTINGS.iter().for_each(|setting| _ = train.args(["--set", setting]));
+    step("train", train.arg("--out").arg(&run))?;
+    let mut resume = Command::new(program);
+    step("resume", resume.args(["train", "--quiet", "--episodes", SMOKE_EPISODES[1], "--resume"]).arg(&run))?;
+    step("eval", Command::new(program).args(["eval", "--episodes", "4"]).arg(&run))?;
+    step("export", Command::new(program).arg("export").arg(&run).arg("--out").arg(&out))
+}
+
+/// Runs one step; says its name before and its time after.
+fn step(name: &str, command: &mut Command) -> anyhow::Result<()> {
+    eprintln!("ci: {name}");
+    let started = Instant::now();
+    let status = command.status().with_context(|| format!("cannot run {:?}", command.get_program()))?;
+    let seconds = started.elapsed().as_secs_f64();
+    if !status.success() {
+        let arguments: Vec<_> = command.get_args().map(|argument| argument.to_string_lossy().into_owned()).collect();
+        let program = Path::new(command.get_program()).file_name().unwrap_or_default().to_string_lossy().into_owned();
+        bail!("step {name:?} failed after {} ({status}): {program} {}", duration(seconds), arguments.join(" "));
+    }
+    eprintln!("ci: {name} passed in {}", duration(seconds));
+    Ok(())
+}

@@ -1,0 +1,60 @@
+//! The Python that the tests of the examples run in.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use anyhow::{Context, bail};
+
+/// Environment variable that names the Python.
+const PYTHON: &str = "EIGENHAND_PYTHON";
+/// Environment variable by which a test that Python is missing for fails, instead of being skipped.
+const REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
+/// Where set-up puts the packages.
+const ENVIRONMENT: &str = "target/python";
+/// The packages that the tests import.
+const PACKAGES: [&str; 4] = ["numpy", "mujoco", "tensorboard", "setuptools<81"];
+
+/// Makes a virtual environment with the packages, unless it is there.
+///
+/// # Errors
+/// What went wrong, and what to install.
+pub fn install() -> anyhow::Result<()> {
+    if has_packages(&interpreter()) {
+        return Ok(());
+    }
+    let run = |program: &Path, arguments: &[&str]| -> anyhow::Result<()> {
+        let line = format!("{} {}", program.display(), arguments.join(" "));
+        eprintln!("  {line}");
+        let status = Command::new(program).args(arguments).stdout(std::io::stderr()).status();
+        match status.with_context(|| format!("cannot run {line}"))? {
+            status if status.success() => Ok(()),
+            status => bail!("{line} failed ({status}); on Debian: apt-get install -y python3-venv"),
+        }
+    };
+    eprintln!("Installing the Python packages of the tests in {ENVIRONMENT} with:");
+    run(Path::new("python3"), &["-m", "venv", ENVIRONMENT])?;
+    run(&interpreter(), &[&["-m", "pip", "install", "--quiet"], PACKAGES.as_slice()].concat())
+}
+
+/// Lets a command's tests run in that environment, where it is installed and no other is named.
+pub fn name_in(command: &mut Command) {
+    let interpreter = interpreter();
+    if std::env::var_os(PYTHON).is_none() && interpreter.is_file() {
+        command.env(PYTHON, interpreter);
+    }
+}
+
+/// Lets the tests of a command fail where they would be skipped for want of Python.
+pub fn require_in(command: &mut Command) {
+    name_in(command);
+    command.env(REQUIRED, "1");
+}
+
+fn interpreter() -> PathBuf {
+    std::env::current_dir().unwrap_or_default().join(ENVIRONMENT).join("bin/python")
+}
+
+fn has_packages(python: &Path) -> bool {
+    let probe = Command::new(python).args(["-c", "import numpy, mujoco, tensorboard"]).output();
+    probe.is_ok_and(|output| output.status.success())
+}
