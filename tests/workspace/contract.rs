@@ -47,7 +47,7 @@ const MODEL: &str = r#"<mujoco>
 "#;
 
 /// Returns the objects and the simulation of the default configuration.
-fn setting() -> Setting {
+pub fn setting() -> Setting {
     RunConfig::default_preset().unwrap().setting()
 }
 

@@ -2,12 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use eigenhand_hands::{Hand, ImportOptions};
 use eigenhand_onboard::survey::Hints;
 use eigenhand_onboard::trial::best_place;
+use eigenhand_onboard::{NewHand, NewHandReport, OnboardError, check_hand, new_hand};
 use eigenhand_train::config::{Layers, Preset};
-use eigenhand_train::{Hand, ImportOptions, NewHand, NewHandReport, TrainError, check_hand, new_hand};
 use tempfile::TempDir;
 
+use crate::contract::setting;
 use crate::gripper::GRIPPER_MODEL;
 use crate::support::{mujoco, registry, task, workspace};
 
@@ -26,9 +28,9 @@ fn made(source: &Path, change: impl Fn(&mut NewHand)) -> (NewHandReport, Hand) {
     let place = TempDir::new().unwrap();
     let mut request = request(source, place.path().join("found"));
     change(&mut request);
-    let report = new_hand(&request, &mujoco(), &mut Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+    let report = new_hand(&request, &mujoco(), &setting(), &mut Vec::new()).unwrap_or_else(|error| panic!("{error}"));
     let hand = Hand::load(&report.directory).unwrap_or_else(|error| panic!("{error}"));
-    let contract = check_hand(&hand, &mujoco(), None).unwrap().report;
+    let contract = check_hand(&hand, &mujoco(), &setting(), None).unwrap().report;
     assert!(contract.passed(), "{}: {contract:#?}", source.display());
     (report, hand)
 }
@@ -53,7 +55,7 @@ fn a_gripper_is_made_out() {
     // The owner's word is taken, whatever it does.
     let mut turned = request(&source, place.path().join("turned"));
     turned.hints.approach = Some([0.0, 0.0, 1.0]);
-    let report = new_hand(&turned, &mujoco(), &mut Vec::new()).unwrap();
+    let report = new_hand(&turned, &mujoco(), &setting(), &mut Vec::new()).unwrap();
     let down = Hand::load(&report.directory).unwrap().manifest.mount.pose().rotation * nalgebra::Vector3::z();
     assert!(down.z < -0.999, "{down}");
 }
@@ -177,7 +179,8 @@ fn what_cannot_be_a_hand_is_refused() {
         let text = GRIPPER_MODEL.replace(from, to);
         assert_ne!(text, GRIPPER_MODEL);
         let source = file(&place, &text);
-        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &mut Vec::new()).unwrap_err();
+        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &setting(), &mut Vec::new())
+            .unwrap_err();
         assert!(error.to_string().contains(said), "{error}");
     }
 }
@@ -195,7 +198,8 @@ fn what_no_survey_can_find_is_said() {
         .replace("</equality>", "<joint joint1=\"left_joint\" joint2=\"right_joint\"/></equality>");
     for (text, said) in [(stone, "name the palm with --palm"), (&circle, "no actuator moves the hand")] {
         let source = file(&place, text);
-        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &mut Vec::new()).unwrap_err();
+        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &setting(), &mut Vec::new())
+            .unwrap_err();
         assert!(error.to_string().contains(said), "{error}");
     }
 }
@@ -207,19 +211,19 @@ fn nothing_is_left_behind_by_a_hand_that_fails() {
         file(&place, "<mujoco><worldbody><body name=\"stone\"><geom size=\"0.1\"/></body></worldbody></mujoco>");
     let library = mujoco();
     let mut notes = Vec::new();
-    new_hand(&request(&source, place.path().join("found")), &library, &mut notes).unwrap_err();
+    new_hand(&request(&source, place.path().join("found")), &library, &setting(), &mut notes).unwrap_err();
     let left: Vec<_> = std::fs::read_dir(place.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["hand.xml"]);
 
     let source = file(&place, GRIPPER_MODEL);
-    let occupied = new_hand(&request(&source, place.path().to_owned()), &library, &mut notes).unwrap_err();
-    assert!(matches!(occupied, TrainError::HandExists { .. }), "{occupied}");
+    let occupied = new_hand(&request(&source, place.path().to_owned()), &library, &setting(), &mut notes).unwrap_err();
+    assert!(matches!(occupied, OnboardError::HandExists { .. }), "{occupied}");
     let mut named = request(&source, place.path().join("found"));
     named.name = "Not A Name".to_owned();
-    assert!(matches!(new_hand(&named, &library, &mut notes).unwrap_err(), TrainError::HandName { .. }));
+    assert!(matches!(new_hand(&named, &library, &setting(), &mut notes).unwrap_err(), OnboardError::HandName { .. }));
     let mut lost = request(&source, place.path().join("found"));
     lost.hints.palm = Some("bridg".to_owned());
-    let message = new_hand(&lost, &library, &mut notes).unwrap_err().to_string();
+    let message = new_hand(&lost, &library, &setting(), &mut notes).unwrap_err().to_string();
     assert!(message.contains("\"bridg\"; bodies that carry moving parts are bridge"), "{message}");
 }
 

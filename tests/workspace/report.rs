@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use eigenhand_report::{Analysis, ReportError, interquartile_mean, read_runs, write};
+use eigenhand_report::{ReportError, analyse, interquartile_mean, read_runs, write};
 use tempfile::TempDir;
 
 use crate::support::{Run, gripper, tiny};
@@ -105,7 +105,7 @@ fn one_run_and_an_unfinished_one_are_worth_a_report() {
     assert!(report.analysis.statements[0].contains("in one run"), "{:?}", report.analysis.statements);
 
     std::fs::remove_file(run.file("summary.json")).unwrap();
-    let analysis = Analysis::of(&read(&run).unwrap());
+    let analysis = analyse(&read(&run).unwrap());
     assert_eq!(analysis.runs[0].state, "unfinished");
     assert!(analysis.notes[0].contains("is not finished (24 of 24"), "{:?}", analysis.notes);
     assert!(analysis.lambdas[0].quantities.is_empty() && analysis.statements.is_empty());

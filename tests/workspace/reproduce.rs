@@ -4,9 +4,9 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use eigenhand_train::launch::{NewRun, resolve};
 use eigenhand_train::reproduce::children::{Ending, train};
 use eigenhand_train::reproduce::{Member, Overview, OverviewDisplay, Reproduction, Request, State};
+use eigenhand_train::request::{NewRun, resolve};
 use eigenhand_train::{Provenance, RunDirectory, TrainError};
 use tempfile::TempDir;
 

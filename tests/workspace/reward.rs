@@ -1,13 +1,14 @@
-//! Rewards of real episodes: as they are stored, recomputed by replay, and in hindsight.
+//! Rewards of real episodes: with their own goals, as replay computes them, and in hindsight.
 
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{Batch, GoalChoice, HerConfig, Replay, rng, sample_batch};
-use eigenhand_sim::{GraspEnv, GraspTask, StepFacts};
-use eigenhand_synergy::{Feedback, JointInfo, PenaltyForm, Synergy, Unit};
-use eigenhand_train::{Behaviour, Episode, GraspReward, episode_shape, run_episode};
+use eigenhand_rl::{Batch, EpisodeData, GoalChoice, HerConfig, Replay, RewardFn, rng, sample_batch};
+use eigenhand_sim::{FAILURE, GraspEnv, GraspTask, SUCCESS, StepFacts};
+use eigenhand_synergy::{JointInfo, Synergy, Unit};
+use eigenhand_train::feedback::{Feedback, GraspReward, Penalty};
+use eigenhand_train::{Behaviour, Episode, episode_shape, run_episode};
 use rand::RngExt;
 
 use crate::support::{constant_policy, gripper, job, registry, task, tiny};
@@ -30,7 +31,7 @@ fn random_episodes() -> &'static Episodes {
         let behaviour = Behaviour::Warmup(Arc::new(config.exploration.clone()));
         let mut scratch = policy.scratch();
         let episodes = (0..EPISODES)
-            .map(|index| run_episode(&mut env, &mut scratch, &job(&task, &policy, &behaviour, index)).unwrap())
+            .map(|index| run_episode(&mut env, &mut scratch, &job(&policy, &behaviour, index)).unwrap())
             .collect();
         Episodes { task, episodes }
     })
@@ -38,9 +39,7 @@ fn random_episodes() -> &'static Episodes {
 
 /// The reward of a task, with the synergy of random postures when `active`.
 fn reward(task: &GraspTask, active: bool) -> GraspReward {
-    let mut config = tiny(&["synergy.start_after=100", "synergy.window=0"]);
-    config.synergy.penalty = PenaltyForm::Saturating { cap: 0.5 };
-    let mut feedback = Feedback::new(&config.penalty());
+    let mut feedback = Feedback::new(1.0, Penalty::Literal, 0.0, 100);
     if active {
         let joints: Vec<JointInfo> = task
             .posture_joints
@@ -50,27 +49,33 @@ fn reward(task: &GraspTask, active: bool) -> GraspReward {
         let mut random = rng::stream(1, "postures", 0);
         let postures: Vec<Vec<f64>> =
             (0..150).map(|_| joints.iter().map(|_| random.random_range(-0.1..0.1)).collect()).collect();
-        feedback.synergy = Some(Arc::new(Synergy::fit(&joints, &postures, 2).unwrap()));
-        assert!(feedback.active().is_some());
+        feedback.follow(Some(Synergy::fit(&joints, &postures, 2).unwrap()));
     }
     GraspReward { config: task.reward.clone(), n_joints: task.posture_joints.len(), feedback }
 }
 
-/// A replay of judged episodes, and how often the rewards succeed.
+/// The rewards of an episode's steps with its own goal.
+fn rewards(reward: &GraspReward, data: &EpisodeData) -> Vec<f32> {
+    let of = |t: usize| {
+        reward.reward(data.achieved_goal(t + 1), &data.desired_goal, data.observation(t + 1), data.facts_at(t))
+    };
+    (0..data.shape.n_steps).map(of).collect()
+}
+
+/// A replay of episodes, and how many of their steps succeed.
 fn replay(task: &GraspTask, episodes: &[Episode], reward: &GraspReward) -> (Replay, usize) {
     let mut replay = Replay::new(episodes.len(), episode_shape(task)).unwrap();
     let mut successes = 0;
     for episode in episodes {
-        let mut data = episode.data.clone();
-        reward.judge(&mut data);
-        successes += data.rewards.iter().filter(|r| **r > task.reward.failure as f32).count();
-        replay.push(data).unwrap();
+        let rewards = rewards(reward, &episode.data);
+        successes += rewards.iter().filter(|r| **r > FAILURE).count();
+        replay.push(episode.data.clone()).unwrap();
     }
     (replay, successes)
 }
 
 #[test]
-fn the_stored_reward_is_the_recomputed_one() {
+fn replay_computes_the_reward_of_the_step() {
     let Episodes { task, episodes } = random_episodes();
     for active in [false, true] {
         let reward = reward(task, active);
@@ -80,11 +85,11 @@ fn the_stored_reward_is_the_recomputed_one() {
         let own_goals = HerConfig { relabel_per_real: 0.0 };
         sample_batch(&replay, &own_goals, &mut rng::stream(2, "replay", 0), &reward, &mut batch).unwrap();
         let mut kinds: HashMap<u32, usize> = HashMap::new();
-        for (origin, recomputed) in batch.origins.iter().zip(&batch.rewards) {
+        let expected: Vec<Vec<f32>> = replay.episodes().iter().map(|data| rewards(&reward, data)).collect();
+        for (origin, computed) in batch.origins.iter().zip(&batch.rewards) {
             assert_eq!(origin.goal, GoalChoice::Original);
-            let stored = replay.episodes()[origin.episode].rewards[origin.t];
-            assert_eq!(stored.to_bits(), recomputed.to_bits(), "{origin:?}");
-            *kinds.entry(recomputed.to_bits()).or_default() += 1;
+            assert_eq!(expected[origin.episode][origin.t].to_bits(), computed.to_bits(), "{origin:?}");
+            *kinds.entry(computed.to_bits()).or_default() += 1;
         }
         // Without a synergy there are two rewards; with one, every success has its own.
         if active {
@@ -102,19 +107,17 @@ fn the_penalty_is_that_of_the_posture_after_the_step() {
     let n = task.posture_joints.len();
     let mut checked = 0;
     for episode in episodes {
-        let mut data = episode.data.clone();
-        reward.judge(&mut data);
-        for t in 0..data.shape.n_steps {
+        let data = &episode.data;
+        for (t, got) in rewards(&reward, data).into_iter().enumerate() {
             let facts = StepFacts::from_slice(data.facts_at(t));
             let expected = if task.reward.succeeds(data.achieved_goal(t + 1), &data.desired_goal, facts) {
                 checked += 1;
                 let posture: Vec<f64> = data.observation(t + 1)[..n].iter().map(|q| f64::from(*q)).collect();
-                let error = reward.feedback.active().unwrap().error(&posture);
-                -0.5 * (1.0 - (-error / 0.5).exp())
+                -reward.feedback.synergy().unwrap().error(&posture)
             } else {
                 -1.0
             };
-            assert!((f64::from(data.rewards[t]) - expected).abs() < 1e-6, "{} {expected}", data.rewards[t]);
+            assert!((f64::from(got) - expected).abs() < 1e-6, "{got} {expected}");
         }
     }
     assert!(checked >= 10);
@@ -126,9 +129,8 @@ fn an_episode_succeeds_when_its_last_steps_do() {
     let reward = reward(task, false);
     let last = task.config.final_steps;
     for episode in episodes {
-        let mut data = episode.data.clone();
-        reward.judge(&mut data);
-        let expected = data.rewards[data.shape.n_steps - last..].iter().all(|r| *r == task.reward.success as f32);
+        let rewards = rewards(&reward, &episode.data);
+        let expected = rewards[rewards.len() - last..].iter().all(|r| *r == SUCCESS);
         assert_eq!(episode.success, expected);
     }
     assert!(episodes.iter().any(|e| e.success) && episodes.iter().any(|e| !e.success));
@@ -142,7 +144,8 @@ fn hindsight_on_lifted_objects_succeeds() {
     let mut batch = Batch::new(4000, replay.shape());
     let always = HerConfig { relabel_per_real: 1e6 };
     sample_batch(&replay, &always, &mut rng::stream(3, "replay", 0), &reward, &mut batch).unwrap();
-    assert!(batch.relabelled_share() > 0.99);
+    let relabelled = batch.origins.iter().filter(|origin| origin.goal != GoalChoice::Original).count();
+    assert!(relabelled > 3960, "{relabelled}");
     let successes = batch.rewards.iter().filter(|r| **r == 0.0).count();
     assert!(successes > 20, "{successes}");
 }
@@ -165,7 +168,7 @@ fn a_relabelled_goal_on_an_untouched_object_earns_no_success() {
         let mut env = GraspEnv::new(&task).unwrap();
         let episodes: Vec<Episode> = (0..6)
             .map(|index| {
-                let job = job(&task, &policy, &Behaviour::Greedy, index);
+                let job = job(&policy, &Behaviour::Greedy, index);
                 run_episode(&mut env, &mut policy.scratch(), &job).unwrap()
             })
             .collect();

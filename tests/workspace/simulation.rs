@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::{Model, WarningCounts};
 use eigenhand_rl::rng;
-use eigenhand_sim::{EpisodeSetup, GraspEnv, GraspTask, Object, Shape};
+use eigenhand_sim::{GraspEnv, GraspTask, Object, Shape};
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
@@ -35,7 +35,7 @@ fn random_episode(env: &mut GraspEnv, seed: u64, scene: usize, steps: usize) -> 
     let mut random = rng::stream(seed, "simulation", scene as u64);
     let mut observation = vec![0.0; task.observation_len()];
     let mut seen = Vec::new();
-    env.reset(EpisodeSetup { scene, goal_height: task.config.goal_height }, &mut random).unwrap();
+    env.reset(scene, &mut random).unwrap();
     for step in 0..=steps {
         env.observe(&mut observation);
         seen.extend(observation.iter().chain(&env.desired_goal()).map(|value| value.to_bits()));
@@ -124,7 +124,7 @@ fn the_observation_ends_with_the_shape_when_it_is_asked_for() {
     assert_eq!(with.observation_len(), without.observation_len() + 6);
 
     let mut env = GraspEnv::new(&with).unwrap();
-    let setup = EpisodeSetup { scene: 4, goal_height: with.config.goal_height };
+    let setup = 4;
     env.reset(setup, &mut rng::stream(1, "simulation", 0)).unwrap();
     let mut observation = vec![0.0; with.observation_len()];
     env.observe(&mut observation);
@@ -194,7 +194,7 @@ fn an_episode_is_a_function_of_its_job() {
     let task = task(&config, &gripper());
     let policy = constant_policy(&task, &vec![0.2; task.action_len()]);
     let behaviour = Behaviour::Explore(Arc::new(config.exploration.clone()));
-    let jobs = || (0..12).map(|index| job(&task, &policy, &behaviour, index));
+    let jobs = || (0..12).map(|index| job(&policy, &behaviour, index));
     let mut results = [1, 3].map(|workers| {
         let mut pool = WorkerPool::new(&task, workers).unwrap();
         pool.submit(jobs()).unwrap();
@@ -225,7 +225,7 @@ fn a_full_contact_buffer_is_counted() {
     let task = task(&tiny(&["task.steps=3"]), &gripper_with(&boxes, ""));
     let mut env = GraspEnv::new(&task).unwrap();
     let policy = constant_policy(&task, &vec![0.0; task.action_len()]);
-    let episode = run_episode(&mut env, &mut policy.scratch(), &job(&task, &policy, &Behaviour::Greedy, 0)).unwrap();
+    let episode = run_episode(&mut env, &mut policy.scratch(), &job(&policy, &Behaviour::Greedy, 0)).unwrap();
     assert!(episode.warnings.contacts_full > 0, "{:?}", episode.warnings);
     let mut pool = WorkerPool::new(&task, 1).unwrap();
     let evaluation = evaluate(&mut pool, &task, &policy, 1, EvaluationStream::Final, 2).unwrap();

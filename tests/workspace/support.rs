@@ -12,7 +12,8 @@ use eigenhand_rl::{Policy, Tensor, TensorMap};
 use eigenhand_sim::GraspTask;
 use eigenhand_train::config::{Layers, Preset, RunConfig};
 use eigenhand_train::{
-    Behaviour, EpisodeJob, Progress, Provenance, RunDirectory, Silent, Status, Summary, TrainError, Trainer, task_of,
+    Assignment, Behaviour, EpisodeJob, Progress, Provenance, RunDirectory, Silent, Status, Summary, TrainError,
+    Trainer, task_of,
 };
 use tempfile::TempDir;
 
@@ -41,11 +42,15 @@ pub fn python() -> String {
     std::env::var("EIGENHAND_PYTHON").unwrap_or_else(|_| "python3".to_owned())
 }
 
+/// Environment variable by which a test that Python is missing for fails, instead of being skipped.
+const PYTHON_REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
+
 /// Tells whether Python runs and has all of these modules; says so when it has not.
 pub fn python_has(modules: &str) -> bool {
     let probe = std::process::Command::new(python()).args(["-c", &format!("import {modules}")]).output();
     let there = probe.is_ok_and(|output| output.status.success());
     if !there {
+        assert!(std::env::var_os(PYTHON_REQUIRED).is_none(), "{} cannot import {modules}", python());
         // Written past the capture of a passing test's output, so that a test that did not run is seen.
         let _ = writeln!(
             std::io::stderr(),
@@ -135,7 +140,9 @@ impl Run {
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let run = RunDirectory::create(Some(&self.path), config, &provenance).unwrap();
         let task = task(config, &self.hand);
-        let trainer = Trainer::create(config.clone(), provenance, self.hand.clone(), task, run).unwrap();
+        let trainer =
+            Trainer::create(Assignment { config: config.clone(), provenance, hand: self.hand.clone(), task, run })
+                .unwrap();
         trainer.run(stop, progress).unwrap_or_else(|error| panic!("{error}"))
     }
 
@@ -145,7 +152,7 @@ impl Run {
         let config = run.config()?;
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let task = task(&config, &self.hand);
-        Trainer::resume(config, provenance, self.hand.clone(), task, run)
+        Trainer::resume(Assignment { config, provenance, hand: self.hand.clone(), task, run })
     }
 
     pub fn resume_to_the_end(&self) -> Summary {
@@ -207,18 +214,10 @@ pub fn constant_policy(task: &GraspTask, action: &[f32]) -> Policy {
         tensors.insert(format!("{name}.mean"), Tensor::f32(vec![n], vec![0.0; n]));
         tensors.insert(format!("{name}.std"), Tensor::f32(vec![n], vec![1.0; n]));
     }
-    Policy::import_tensors(&tensors, &eigenhand_rl::NormalizerConfig::default()).unwrap()
+    Policy::import_tensors(&tensors, &tiny(&[]).learner.normalizer).unwrap()
 }
 
 /// Returns the job of one episode.
-pub fn job(task: &GraspTask, policy: &Policy, behaviour: &Behaviour, index: u64) -> EpisodeJob {
-    EpisodeJob {
-        seed: 7,
-        stream: "test",
-        index,
-        scene: None,
-        goal_height: task.config.training_goal_height,
-        policy: policy.clone(),
-        behaviour: behaviour.clone(),
-    }
+pub fn job(policy: &Policy, behaviour: &Behaviour, index: u64) -> EpisodeJob {
+    EpisodeJob { seed: 7, stream: "test", index, scene: None, policy: policy.clone(), behaviour: behaviour.clone() }
 }

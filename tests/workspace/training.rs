@@ -356,8 +356,7 @@ fn noise_that_has_fallen_to_nothing_is_no_noise() {
 }
 
 /// A single component, which leaves directions that the gripper's commands can be drawn out of.
-const FEEDBACK: [&str; 3] =
-    ["synergy.penalty={ kind = \"none\" }", "synergy.components=1", "synergy.command_weight=50"];
+const FEEDBACK: [&str; 3] = ["synergy.penalty=none", "synergy.components=1", "synergy.command_weight=50"];
 
 #[test]
 fn feedback_into_the_actor_survives_a_stop_and_any_number_of_workers() {

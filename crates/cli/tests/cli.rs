@@ -36,17 +36,17 @@ const USAGE: i32 = 2;
 const INTERRUPTED: i32 = 130;
 
 fn workspace() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-fn xtask() -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+fn eigenhand() -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_eigenhand"));
     command.current_dir(workspace()).env_remove("EIGENHAND_PLUGINS").env("EIGENHAND_NO_INSTALL", "1");
     command
 }
 
 fn run(arguments: &[&str]) -> Output {
-    xtask().args(arguments).output().unwrap()
+    eigenhand().args(arguments).output().unwrap()
 }
 
 /// Name of a hand that the workspace has, as files that a test can copy and change.
@@ -97,7 +97,7 @@ struct Background {
 
 impl Background {
     fn start(arguments: &[String]) -> Background {
-        let mut child = xtask().args(arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut child = eigenhand().args(arguments).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
         let stderr = BufReader::new(child.stderr.take().unwrap());
         Background { child, stderr }
     }
@@ -152,7 +152,7 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
     let (out_text, export_text) = (out.to_str().unwrap(), export.to_str().unwrap());
     let mut arguments = tiny(&hand(), &out);
     arguments.extend(["--episodes", "8", "--lambda", "0.5", "--json"].map(str::to_owned));
-    let output = xtask().args(&arguments).output().unwrap();
+    let output = eigenhand().args(&arguments).output().unwrap();
     let summary = json(&output);
     let heading = stderr(&output);
     assert!(heading.starts_with(&format!("run       {out_text}\nhand ")), "{heading}");
@@ -217,7 +217,7 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
     assert_eq!(twice, exported, "an earlier export is written again");
     let over_run = run(&["export", out_text, "--out", out_text]);
     assert_error(&over_run, USAGE, &["--out"]);
-    let over_new = xtask().args(&arguments).output().unwrap();
+    let over_new = eigenhand().args(&arguments).output().unwrap();
     assert_error(&over_new, USAGE, &["exists already", "--resume"]);
 }
 
@@ -233,6 +233,7 @@ fn a_wrong_command_line_ends_with_2_and_makes_no_directory() {
     };
     let config = root.path().join("config.toml");
     std::fs::write(&config, "lamda = 1.0\n").unwrap();
+    let absent = root.path().join("absent").display().to_string();
     let cases = [
         (with(&[]), vec!["--hand", hand.as_str()]),
         (with(&["--hand", typo]), vec!["did you mean", hand.as_str()]),
@@ -241,12 +242,12 @@ fn a_wrong_command_line_ends_with_2_and_makes_no_directory() {
         (with(&["--hand", &hand, "--set", "gamma"]), vec!["key=value"]),
         (with(&["--hand", &hand, "--lambda=-2"]), vec!["lambda = -2"]),
         (with(&["--hand", &hand, "--config", config.to_str().unwrap()]), vec!["lamda", "lambda"]),
-        (with(&["--hand", &hand, "--plugins", "/nonexistent"]), vec!["/nonexistent", "--plugins"]),
+        (with(&["--hand", &hand, "--plugins", &absent]), vec![&absent, "--plugins"]),
         (with(&["--hand", &hand, "--preset", "slow"]), vec!["slow", "quick"]),
         (with(&["--resume", "runs/x"]), vec!["--resume", "--out"]),
     ];
     for (arguments, says) in cases {
-        assert_error(&xtask().args(&arguments).output().unwrap(), USAGE, &says);
+        assert_error(&eigenhand().args(&arguments).output().unwrap(), USAGE, &says);
         assert!(!out.exists(), "{arguments:?} made a directory");
     }
     assert_error(&run(&["train", "--resume", "runs/x", "--lambda", "1"]), USAGE, &["--resume", "--lambda"]);
@@ -258,21 +259,22 @@ fn a_missing_library_or_place_ends_with_1_and_leaves_nothing() {
     let root = TempDir::new().unwrap();
     let out = root.path().join("run");
     let hand = hand();
-    let missing = xtask().args(tiny(&hand, &out)).env("EIGENHAND_MUJOCO_LIB", "/nonexistent").output().unwrap();
-    assert_error(&missing, FAILURE, &["EIGENHAND_MUJOCO_LIB", "/nonexistent", "libmujoco2.2.2"]);
+    let absent = root.path().join("absent").display().to_string();
+    let missing = eigenhand().args(tiny(&hand, &out)).env("EIGENHAND_MUJOCO_LIB", &absent).output().unwrap();
+    assert_error(&missing, FAILURE, &["EIGENHAND_MUJOCO_LIB", &absent, "libmujoco2.2.2"]);
     assert!(!out.exists());
     let file = root.path().join("file");
     std::fs::write(&file, "precious").unwrap();
-    let below = xtask().args(tiny(&hand, &file.join("run"))).output().unwrap();
+    let below = eigenhand().args(tiny(&hand, &file.join("run"))).output().unwrap();
     assert_error(&below, FAILURE, &["cannot create the directory"]);
     assert_eq!(std::fs::read(&file).unwrap(), b"precious");
     for command in ["eval", "export", "train"] {
         let arguments: &[&str] = match command {
-            "eval" => &["eval", "/nonexistent"],
-            "export" => &["export", "/nonexistent", "--out", "/nonexistent-export"],
-            _ => &["train", "--resume", "/nonexistent"],
+            "eval" => &["eval", &absent],
+            "export" => &["export", &absent, "--out", out.to_str().unwrap()],
+            _ => &["train", "--resume", &absent],
         };
-        assert_error(&run(arguments), FAILURE, &["/nonexistent is not a run directory"]);
+        assert_error(&run(arguments), FAILURE, &[&format!("{absent} is not a run directory")]);
     }
 }
 
@@ -287,12 +289,12 @@ fn an_interrupted_run_saves_and_a_killed_one_goes_on_from_its_checkpoint() {
     running.wait_for("episode 0/");
     wait_until("a checkpoint", || out.join("checkpoints/episode-00000004").exists());
     let resume = ["train", "--resume", out.to_str().unwrap()].map(str::to_owned);
-    let second = xtask().args(&resume).output().unwrap();
+    let second = eigenhand().args(&resume).output().unwrap();
     assert_error(&second, FAILURE, &["in use by another process"]);
     running.signal("-INT");
     let (status, text) = running.finish();
     assert_eq!(status, Some(INTERRUPTED), "{text}");
-    assert!(text.contains("cargo xtask train --resume"), "{text}");
+    assert!(text.contains("eigenhand train --resume"), "{text}");
     let summary: Value = serde_json::from_slice(&std::fs::read(out.join("summary.json")).unwrap()).unwrap();
     assert_eq!(summary["stopped_by"], "interrupt");
     let done = summary["episodes"].as_u64().unwrap();
@@ -326,7 +328,7 @@ fn damage_is_named_and_nothing_is_lost() {
     let (out_text, plugins_text) = (out.to_str().unwrap(), plugins.to_str().unwrap());
     let mut arguments = tiny("copy", &out);
     arguments.extend(["--episodes", "8", "--quiet", "--plugins", plugins_text].map(str::to_owned));
-    assert!(xtask().args(&arguments).output().unwrap().status.success());
+    assert!(eigenhand().args(&arguments).output().unwrap().status.success());
     let resume = || run(&["train", "--resume", out_text, "--plugins", plugins_text, "--quiet"]);
 
     let learner = out.join("checkpoints/episode-00000008/learner.safetensors");
@@ -418,7 +420,12 @@ fn a_new_hand_is_made_listed_checked_and_trained() {
 
 #[test]
 fn the_doctor_names_what_is_missing_and_what_mends_it() {
-    let output = xtask().args(["doctor", "--json"]).env("EIGENHAND_MUJOCO_LIB", "/nonexistent").output().unwrap();
+    let root = TempDir::new().unwrap();
+    let output = eigenhand()
+        .args(["doctor", "--json"])
+        .env("EIGENHAND_MUJOCO_LIB", root.path().join("absent"))
+        .output()
+        .unwrap();
     assert_eq!(output.status.code(), Some(FAILURE));
     let diagnosis: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(diagnosis["ok"], false);

@@ -1,4 +1,4 @@
-//! `cargo xtask reproduce` and `cargo xtask report`, as a user runs them, with a hand that trains in seconds.
+//! `eigenhand reproduce` and `eigenhand report`, as a user runs them, with a hand that trains in seconds.
 #![forbid(unsafe_code)]
 // A helper function of a test fails the test, which is what a panic means here.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
@@ -33,15 +33,15 @@ impl Place {
 
     /// The command `reproduce` into the directory `all`, with more arguments.
     fn reproduce(&self, more: &[&str]) -> Command {
-        let mut command = self.xtask(&["reproduce", "--hand", "gripper", "--out", "all"]);
+        let mut command = self.eigenhand(&["reproduce", "--hand", "gripper", "--out", "all"]);
         let varied = |setting: &&&str| !["hand=", "workers=", "lambda="].iter().any(|key| setting.starts_with(key));
         gripper::TINY.iter().filter(varied).for_each(|setting| _ = command.args(["--set", setting]));
         command.args(["--set", "learner.gamma=0.9"]).args(more);
         command
     }
 
-    fn xtask(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_xtask"));
+    fn eigenhand(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_eigenhand"));
         command.args(arguments).current_dir(self.root.path()).env("EIGENHAND_NO_INSTALL", "1").stdin(Stdio::null());
         command
     }
@@ -126,7 +126,6 @@ fn newest_checkpoint(run: &Path) -> PathBuf {
     entries.filter(|path| number(path).is_some()).max_by_key(number).unwrap()
 }
 
-#[cfg(unix)]
 #[test]
 fn an_interrupt_stops_every_run_with_everything_saved() {
     use std::time::{Duration, Instant};
@@ -146,11 +145,11 @@ fn an_interrupt_stops_every_run_with_everything_saved() {
     rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", stderr(&output));
-    assert!(stderr(&output).contains("continue with: cargo xtask reproduce --hand gripper"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("continue with: eigenhand reproduce --hand gripper"), "{}", stderr(&output));
     for run in ["l0-s1", "l1-s1"] {
         assert_eq!(place.summary(run)["stopped_by"], "interrupt", "{run}");
     }
-    let output = status(&mut place.xtask(&["report", "all", "--json"]), 0);
+    let output = status(&mut place.eigenhand(&["report", "all", "--json"]), 0);
     let printed = json(&output.stdout);
     assert!(printed["runs"].as_array().unwrap().iter().all(|run| run["state"] == "interrupted"), "{printed}");
 }
@@ -170,7 +169,7 @@ fn a_wrong_command_line_is_answered_before_anything_is_made() {
     }
     assert!(!place.path("all").exists());
     for arguments in [["report", "nothing"], ["report", "gripper"]] {
-        let output = status(&mut place.xtask(&arguments), 1);
+        let output = status(&mut place.eigenhand(&arguments), 1);
         assert!(stderr(&output).contains("no run directory"), "{}", stderr(&output));
     }
 }

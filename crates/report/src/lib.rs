@@ -14,6 +14,7 @@ mod stats;
 mod tables;
 mod write;
 
+pub use analysis::analyse;
 pub use curves::{Band, BandPoint};
 pub use error::ReportError;
 pub use records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
