@@ -164,15 +164,23 @@ fn the_hand_in_the_readme_is_one() {
 
 #[test]
 fn links_between_documents_lead_somewhere() {
-    for document in
-        ["README.md", "ARCHITECTURE.md", "examples/python/README.md", "bench/peers/README.md"].into_iter().chain([
-            "docs/algorithms.md",
-            "docs/configuration.md",
-            "docs/run-directory.md",
-            "docs/hands.md",
-            "docs/report.md",
-        ])
-    {
+    for document in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "bench/peers/README.md",
+        "crates/synergy/README.md",
+        "docs/README.md",
+        "docs/algorithms.md",
+        "docs/configuration.md",
+        "docs/experiments.md",
+        "docs/hands.md",
+        "docs/performance.md",
+        "docs/report.md",
+        "docs/results/README.md",
+        "docs/run-directory.md",
+        "examples/python/README.md",
+    ] {
         let text = read(document);
         let directory = workspace().join(document).parent().unwrap().to_owned();
         for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
