@@ -39,11 +39,7 @@ typedef int32_t eigenhand_status;
 /* The function was left by a panic or an exception, which was caught inside the plugin. */
 #define EIGENHAND_HAND_PANIC 2
 
-#if defined(_WIN32)
-#define EIGENHAND_HAND_EXPORT __declspec(dllexport)
-#else
 #define EIGENHAND_HAND_EXPORT __attribute__((visibility("default")))
-#endif
 
 /* Bytes that belong to somebody else. */
 typedef struct eigenhand_bytes {

@@ -2,7 +2,8 @@
 
 use serde::Serialize;
 
-use crate::hand::{Hand, HandActuator, Transmission};
+use crate::hand::Hand;
+use crate::parts::{HandActuator, Transmission};
 
 /// The affine map `ctrl = matrix * posture + offset`, one row for each actuator, the slide's first.
 ///

@@ -2,63 +2,13 @@
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
 use xmltree::Element;
 
 use crate::error::HandError;
-use crate::import::mjcf::each_in_world;
 use crate::manifest::HandManifest;
-use crate::mjcf::Defaults;
+use crate::mjcf::{Defaults, each_in_world};
 use crate::model::Joints;
 use crate::xml::{append_section, attribute, element, elements_mut, numbers, retain_elements, set};
-
-/// A position servo on a joint; it takes the place of one that an importer made.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct AddedActuator {
-    /// Joint that it moves.
-    pub joint: String,
-    /// Name of the actuator; absent: the joint's.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub name: Option<String>,
-    /// Stiffness (N m/rad or N/m).
-    pub kp: f64,
-    /// Largest torque (N m) or force (N).
-    pub force_limit: f64,
-    /// Lowest and highest command (rad or m); absent: the joint's range.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub control_range: Option<[f64; 2]>,
-}
-
-/// A joint that follows another: `joint = multiplier * follows + offset`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct AddedCoupling {
-    /// The joint that follows; it takes no actuator.
-    pub joint: String,
-    /// The joint that is followed.
-    pub follows: String,
-    /// Factor; absent: 1.
-    #[serde(default = "one")]
-    pub multiplier: f64,
-    /// Position where the followed joint is at 0 (rad or m); absent: 0.
-    #[serde(default)]
-    pub offset: f64,
-}
-
-/// Contact bits of every geom of the hand that collides with anything.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct ContactBits {
-    /// Bits that are matched with the other geom's `conaffinity`.
-    pub contype: u32,
-    /// Bits that are matched with the other geom's `contype`.
-    pub conaffinity: u32,
-}
-
-fn one() -> f64 {
-    1.0
-}
 
 /// Applies what the manifest in `file` adds to the model.
 pub(crate) fn apply(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<(), HandError> {

@@ -5,7 +5,6 @@
 //! alone.
 
 mod cache;
-mod elf;
 mod library;
 mod locate;
 mod sidecar;
@@ -13,21 +12,12 @@ mod sidecar;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use crate::closure;
 use crate::error::HandError;
 use crate::hand::Hand;
 use crate::manifest::MANIFEST_FILE;
+use crate::sources;
 
 pub use sidecar::{SIDECAR_FILE, SIDECAR_KEYS};
-
-/// Most files that a plugin may yield.
-const MAX_FILES: usize = 1000;
-/// Longest name of a file in bytes.
-const MAX_NAME: usize = 255;
-/// Most bytes of all files together.
-const MAX_TOTAL: usize = 256 << 20;
-/// Most bytes of an error message that are read.
-const MAX_MESSAGE: usize = 64 << 10;
 
 /// Loads the hand in `directory`, which holds a manifest or a sidecar.
 ///
@@ -51,7 +41,6 @@ pub(crate) fn holds_hand(directory: &Path) -> bool {
 fn load(directory: &Path) -> Result<Hand, HandError> {
     let (sidecar, written) = sidecar::read(directory)?;
     let library = locate::find(directory, &sidecar)?;
-    elf::check(&library)?;
     let mut files = BTreeMap::new();
     for (name, content) in library::generate(&library, &sidecar.options)? {
         let name = plain_path(&name).map_err(|got| {
@@ -82,7 +71,7 @@ fn load(directory: &Path) -> Result<Hand, HandError> {
     }
     files.insert(PathBuf::from(SIDECAR_FILE), written);
     hand.directory = directory.to_path_buf();
-    hand.digest = closure::digest(&files);
+    hand.digest = sources::digest(&files);
     hand.files = files.into_keys().collect();
     Ok(hand)
 }

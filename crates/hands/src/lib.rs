@@ -8,29 +8,35 @@
 
 mod actuation;
 mod additions;
-mod closure;
 mod compiled;
 mod error;
 mod hand;
 mod import;
+mod load;
 mod manifest;
 mod mjcf;
 mod model;
+mod notes;
+mod parts;
 mod registry;
 mod resolve;
 mod schema;
 mod servo;
+mod sources;
 mod summary;
 pub mod xml;
 
 pub use actuation::Actuation;
-pub use additions::{AddedActuator, AddedCoupling, ContactBits};
 pub use compiled::{SIDECAR_FILE, SIDECAR_KEYS};
 pub use error::HandError;
-pub use hand::{Fingertip, FrameKind, Hand, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
+pub use hand::Hand;
 pub use import::{ImportOptions, Imported, import};
-pub use manifest::{HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide, is_hand_name};
+pub use manifest::{
+    AddedActuator, AddedCoupling, ContactBits, HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide,
+    is_hand_name,
+};
 pub use mjcf::{AngleUnit, Compiler};
+pub use parts::{Fingertip, FrameKind, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
 pub use registry::{PLUGINS_VARIABLE, Registry, RegistryEntry, SearchPath};
 pub use schema::{KeyInfo, keys};
 pub use summary::{HandSummary, SummaryValue, ValueOrigin};

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use xmltree::{AttributeMap, Element};
 
 use crate::error::HandError;
-use crate::xml::elements;
+use crate::xml::{attribute, elements, elements_mut};
 
 /// Name that MuJoCo gives to the outermost default class.
 const MAIN_CLASS: &str = "main";
@@ -14,6 +14,30 @@ const MAIN_CLASS: &str = "main";
 /// Lists the elements in all top-level sections named `section`; MJCF allows a section to be repeated.
 pub(crate) fn section<'a>(root: &'a Element, section: &'a str) -> impl Iterator<Item = &'a Element> {
     elements(root).filter(move |e| e.name == section).flat_map(elements)
+}
+
+/// Calls `act` with every element below `parent` inside bodies, and the class that its bodies give it.
+fn each_in_bodies<E>(
+    parent: &mut Element,
+    childclass: Option<&str>,
+    act: &mut impl FnMut(&mut Element, Option<&str>) -> Result<(), E>,
+) -> Result<(), E> {
+    for child in elements_mut(parent) {
+        let own = attribute(child, "childclass").map(str::to_owned);
+        let class = own.as_deref().or(childclass);
+        act(child, class)?;
+        if child.name == "body" {
+            each_in_bodies(child, class, act)?;
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn each_in_world<E>(
+    root: &mut Element,
+    act: &mut impl FnMut(&mut Element, Option<&str>) -> Result<(), E>,
+) -> Result<(), E> {
+    elements_mut(root).filter(|e| e.name == "worldbody").try_for_each(|world| each_in_bodies(world, None, act))
 }
 
 /// Unit of angles in a model file.

@@ -6,8 +6,8 @@ use std::path::Path;
 use xmltree::Element;
 
 use crate::error::HandError;
-use crate::hand::{HandActuator, HandCoupling, HandJoint, JointKind, Transmission};
 use crate::mjcf::{Attributes, Compiler, Defaults, section};
+use crate::parts::{HandActuator, HandCoupling, HandJoint, JointKind, Transmission};
 use crate::servo;
 use crate::xml::elements;
 

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use crate::error::HandError;
-use crate::hand::{Fingertip, FrameKind, HandJoint, JointKind};
 use crate::manifest::HandManifest;
 use crate::model::Contents;
+use crate::parts::{Fingertip, FrameKind, HandJoint, JointKind};
 
 /// Resolves the palm and the fingertips.
 pub(crate) fn frames(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<Fingertip>, HandError> {

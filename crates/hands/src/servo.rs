@@ -1,8 +1,8 @@
 //! Position servos among a model's actuators.
 
 use crate::error::HandError;
-use crate::hand::{HandJoint, Servo, Transmission};
 use crate::mjcf::Attributes;
+use crate::parts::{HandJoint, Servo, Transmission};
 
 /// Reads the force law of a position servo, written as `position` or as `general`.
 pub(crate) fn read(tag: &str, attributes: &Attributes) -> Result<Option<Servo>, HandError> {

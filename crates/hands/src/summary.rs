@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 use toml::Value;
 
-use crate::hand::{FrameKind, Hand, HandActuator, HandCoupling, HandJoint};
+use crate::hand::Hand;
+use crate::parts::{FrameKind, HandActuator, HandCoupling, HandJoint};
 use crate::schema;
 
 /// A hand in brief.

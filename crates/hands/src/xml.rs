@@ -1,6 +1,13 @@
 //! Small helpers over the XML library, for reading and writing MJCF.
 
+use std::path::Path;
+
 use xmltree::{Element, EmitterConfig, XMLNode};
+
+use crate::error::HandError;
+
+/// Deepest nesting of elements that is read; real hands stay far below.
+const MAX_DEPTH: usize = 200;
 
 /// Makes an element with attributes, in the order given.
 pub fn element(name: &str, attributes: &[(&str, String)]) -> Element {
@@ -102,4 +109,88 @@ pub(crate) fn without_declaration(text: &str) -> (String, bool) {
     let end = at + end + "?>".len();
     let lines = text[..end].matches('\n').count();
     (format!("{}{}", "\n".repeat(lines), &text[end..]), comment)
+}
+
+/// Parses XML of bounded depth; `file` is named in errors.
+pub(crate) fn parse(text: &str, file: &Path) -> Result<Element, HandError> {
+    // Readers of XML put the whole of a long reason on several lines.
+    let xml_error = |message: String| HandError::Xml {
+        file: file.to_path_buf(),
+        message: message.split_whitespace().collect::<Vec<_>>().join(" "),
+    };
+    let text = &without_declaration(text).0;
+    check_depth(text).map_err(xml_error)?;
+    let nodes = Element::parse_all(text.as_bytes()).map_err(|e| xml_error(e.to_string()))?;
+    nodes
+        .into_iter()
+        .find_map(|node| match node {
+            XMLNode::Element(element) => Some(element),
+            _ => None,
+        })
+        .ok_or_else(|| xml_error("no root element".to_owned()))
+}
+
+/// Finds a document's first element, whatever stands before it: where its name begins, and the name.
+pub(crate) fn first_tag(text: &str) -> Option<(usize, &str)> {
+    let mut rest = text;
+    loop {
+        rest = &rest[rest.find('<')?..];
+        let end = if rest.starts_with("<!--") {
+            rest.find("-->")? + 3
+        } else if rest.starts_with("<?") || rest.starts_with("<!") {
+            rest.find('>')? + 1
+        } else {
+            let name = rest[1..].split(|c: char| c.is_whitespace() || c == '>' || c == '/').next()?;
+            return Some((text.len() - rest.len() + 1, name));
+        };
+        rest = &rest[end..];
+    }
+}
+
+/// Refuses text whose nesting would exhaust the stack of the recursive parser.
+fn check_depth(text: &str) -> Result<(), String> {
+    let mut depth = 0_usize;
+    let mut rest = text;
+    while let Some(start) = rest.find('<') {
+        rest = &rest[start..];
+        let end = if rest.starts_with("<!--") {
+            rest.find("-->").map(|i| i + 3)
+        } else if rest.starts_with("<![CDATA[") {
+            rest.find("]]>").map(|i| i + 3)
+        } else if rest.starts_with("<?") {
+            rest.find("?>").map(|i| i + 2)
+        } else if rest.starts_with("<!") {
+            return Err("a document type declaration; remove it".to_owned());
+        } else {
+            let end = tag_end(rest);
+            if rest.starts_with("</") {
+                depth = depth.saturating_sub(1);
+            } else if end.is_some_and(|i| !rest[..i].ends_with("/>")) {
+                depth += 1;
+            }
+            end
+        };
+        if depth > MAX_DEPTH {
+            return Err(format!("elements nested deeper than {MAX_DEPTH}"));
+        }
+        match end {
+            Some(end) => rest = &rest[end..],
+            None => return Ok(()),
+        }
+    }
+    Ok(())
+}
+
+/// Returns the length of the tag that `text` begins with, a `>` inside quotes not counted.
+fn tag_end(text: &str) -> Option<usize> {
+    let mut quote = None;
+    for (i, c) in text.char_indices() {
+        match (quote, c) {
+            (None, '"' | '\'') => quote = Some(c),
+            (Some(open), _) if open == c => quote = None,
+            (None, '>') => return Some(i + 1),
+            _ => {}
+        }
+    }
+    None
 }

@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use crate::closure;
 use crate::error::HandError;
+use crate::sources;
 
 /// Writes files to a directory that is named by what they hold, and returns it. Nobody has to empty the cache: a directory
 /// that is missing or damaged is written again.
 pub(super) fn store(files: &BTreeMap<PathBuf, Vec<u8>>) -> Result<PathBuf, HandError> {
-    let digest = closure::digest(files);
+    let digest = sources::digest(files);
     let mut roots = roots().into_iter();
     // The last place is the one for temporary files, and its error is returned.
     let last = roots.next_back().unwrap_or_default();

@@ -1,8 +1,7 @@
-//! The conversation with a plugin's library: the only unsafe code of this crate.
+//! Calls into a plugin's library: the only unsafe code of this crate.
 //!
-//! A library is code that the user chose to run, and can do what a program can. What it *says* is not believed: versions,
-//! sizes, counts and lengths are bounded, null is expected everywhere, and where the system offers it, memory that a
-//! plugin points to is read through the kernel, so that a wrong address is an error and no crash.
+//! The user chose to run the library, and it can do what any program can. Its pointers are trusted. Its version, the size
+//! of its table, its counts and its lengths are checked, null is an error, and everything is copied out.
 #![allow(unsafe_code)]
 
 use std::ffi::OsStr;
@@ -10,11 +9,19 @@ use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 use eigenhand_hand_abi::{Bytes, Generated, HandPlugin, Header, MAGIC, STATUS_OK, SYMBOL, Status};
-use libloading::Library;
+use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
 
 use super::sidecar::check_version;
-use super::{MAX_FILES, MAX_MESSAGE, MAX_NAME, MAX_TOTAL};
 use crate::error::HandError;
+
+/// Most files that a plugin may yield.
+const MAX_FILES: usize = 1000;
+/// Longest name of a file in bytes.
+const MAX_NAME: usize = 255;
+/// Most bytes of all files together.
+const MAX_TOTAL: usize = 256 << 20;
+/// Most bytes of an error message that are read.
+const MAX_MESSAGE: usize = 64 << 10;
 
 /// A plugin is promised one call at a time.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -57,19 +64,11 @@ fn open(library: &Path) -> Result<HandPlugin, HandError> {
     Ok(unsafe { address.read_unaligned() })
 }
 
-/// Opens a library with all that it needs: a function that is nowhere to be found is an error now, and would end the
-/// process when it is called.
-#[cfg(unix)]
+/// Opens a library and resolves all its symbols at once. A function that is missing is an error now; resolved later, it
+/// would end the process at its first call.
 unsafe fn open_now(library: &OsStr) -> Result<Library, libloading::Error> {
-    use libloading::os::unix::{Library as System, RTLD_LOCAL, RTLD_NOW};
-    // SAFETY: as the caller says of the library's initialisers.
-    unsafe { System::open(Some(library), RTLD_NOW | RTLD_LOCAL) }.map(Library::from)
-}
-
-#[cfg(not(unix))]
-unsafe fn open_now(library: &OsStr) -> Result<Library, libloading::Error> {
-    // SAFETY: as the caller says of the library's initialisers.
-    unsafe { Library::new(library) }
+    // SAFETY: the caller accepts that the library's initialisers run.
+    unsafe { Library::open(Some(library), RTLD_NOW | RTLD_LOCAL) }
 }
 
 fn check_header(header: Header, library: &Path) -> Result<(), HandError> {
@@ -99,7 +98,6 @@ type Free = unsafe extern "C" fn(*mut Generated);
 /// The functions of a table, none of them null.
 struct Functions<'a> {
     library: &'a Path,
-    memory: Memory,
     generate: Generate,
     file_count: FileCount,
     file: GetFile,
@@ -112,7 +110,6 @@ impl<'a> Functions<'a> {
         let missing = |name: &'static str| move || HandError::plugin(library, name, "a function", "null");
         Ok(Self {
             library,
-            memory: Memory::open(),
             generate: table.generate.ok_or_else(missing("generate"))?,
             file_count: table.file_count.ok_or_else(missing("file_count"))?,
             file: table.file.ok_or_else(missing("file"))?,
@@ -179,53 +176,12 @@ impl<'a> Functions<'a> {
                 Err(self.wrong(call, &format!("{what} at most {limit} bytes"), format!("{len} bytes")))
             }
             Bytes { data, .. } if data.is_null() => Err(self.wrong(call, what, "null")),
-            // SAFETY: the plugin says that so many bytes are there until the hand is freed.
-            bytes => unsafe { self.memory.read(bytes) }
-                .ok_or_else(|| self.wrong(call, what, "an address at which there is no memory")),
+            // SAFETY: the plugin promises that these bytes stay valid until the hand is freed.
+            Bytes { data, len } => Ok(unsafe { std::slice::from_raw_parts(data, len) }.to_vec()),
         }
     }
 
     fn wrong(&self, place: &str, expected: &str, got: impl ToString) -> HandError {
         HandError::plugin(self.library, place, expected, got)
-    }
-}
-
-/// Reads memory of this process: where the system has a file of it, through that file, which answers an address without
-/// memory with an error.
-struct Memory {
-    #[cfg(unix)]
-    file: Option<std::fs::File>,
-}
-
-impl Memory {
-    #[cfg(unix)]
-    fn open() -> Self {
-        use std::os::unix::fs::FileExt;
-        let known = *b"readable";
-        let works = |file: &std::fs::File| {
-            let mut read = [0; 8];
-            file.read_exact_at(&mut read, known.as_ptr() as u64).is_ok() && read == known
-        };
-        Self { file: std::fs::File::open("/proc/self/mem").ok().filter(works) }
-    }
-
-    #[cfg(not(unix))]
-    fn open() -> Self {
-        Self {}
-    }
-
-    /// Copies bytes, or returns none where there is no memory.
-    ///
-    /// # Safety
-    /// Where the system has no file of the process's memory, the bytes must be readable.
-    unsafe fn read(&self, bytes: Bytes) -> Option<Vec<u8>> {
-        #[cfg(unix)]
-        if let Some(file) = &self.file {
-            use std::os::unix::fs::FileExt;
-            let mut copy = vec![0; bytes.len];
-            return file.read_exact_at(&mut copy, bytes.data as u64).ok().map(|()| copy);
-        }
-        // SAFETY: as the caller says.
-        Some(unsafe { std::slice::from_raw_parts(bytes.data, bytes.len) }.to_vec())
     }
 }

@@ -5,12 +5,11 @@ use std::path::Path;
 
 use xmltree::Element;
 
-use super::Imported;
-use super::mjcf::each_in_world;
+use super::imported::Imported;
 use crate::error::HandError;
-use crate::hand::{JointKind, Transmission};
-use crate::mjcf::{Defaults, section};
+use crate::mjcf::{Defaults, each_in_world, section};
 use crate::model::Joints;
+use crate::parts::{JointKind, Transmission};
 use crate::servo;
 use crate::xml::{append, element, elements_mut, numbers, set};
 

@@ -320,20 +320,6 @@ fn files_that_break_the_rules_are_refused() {
     assert!(message.starts_with("file: expected files of together at most 268435"), "{message}");
 }
 
-/// Where the system lets a process read its own memory as a file, a wrong address is no crash.
-#[cfg(target_os = "linux")]
-#[test]
-fn an_address_without_memory_is_an_error() {
-    let says = "an address at which there is no memory; this is a defect of the plugin";
-    assert_eq!(c_message(&["MODEL_DATA=16", "MODEL_LEN=99"]), format!("file: expected files of together, got {says}"));
-    // A length that runs out of the memory that is there.
-    let message = c_message(&["TORN"]);
-    assert!(message.ends_with(says), "{message}");
-    let plugin = Plugin::c(&["MESSAGE_DATA=16"]);
-    plugin.edit("build = \"make pincer\"\n", "[options]\nwidth = 0\n");
-    assert!(plugin.message().ends_with(says));
-}
-
 #[test]
 fn a_failure_without_a_message_is_one() {
     assert_eq!(
@@ -352,7 +338,7 @@ fn a_generated_hand_that_is_broken_names_the_key() {
 }
 
 #[test]
-fn a_library_that_is_cut_off_or_damaged_is_refused() {
+fn a_file_that_is_no_library_is_refused() {
     let plugin = Plugin::c(&[]);
     let sound = std::fs::read(plugin.library()).unwrap();
     // A file of its own for each try: the system knows an opened library again by its file.
@@ -362,12 +348,7 @@ fn a_library_that_is_cut_off_or_damaged_is_refused() {
         broken.message()
     };
     let says = format!("DIR/{}: not a library that can be opened: ", library_name("pincer"));
-    let steps = 64;
-    for i in 0..steps {
-        let text = message(&sound[..sound.len() * i / steps]);
-        assert!(text.starts_with(&says), "{text}");
-    }
-    assert!(message(&sound[..sound.len() - 1]).starts_with(&says));
+    assert!(message(&[]).starts_with(&says));
     assert!(message(&[b'x'; 5000]).starts_with(&says));
     let mut damaged = sound.clone();
     damaged[4..64].iter_mut().for_each(|byte| *byte ^= 0xa5);

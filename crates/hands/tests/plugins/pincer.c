@@ -1,11 +1,4 @@
 /* A hand of two fingers that a library in C generates. The macros make it break the rules of the interface one by one. */
-#ifdef TORN
-#define _POSIX_C_SOURCE 200809L
-#include <sys/mman.h>
-#include <unistd.h>
-#define MODEL_DATA torn()
-#define MODEL_LEN ((size_t)(2 * sysconf(_SC_PAGESIZE)))
-#endif
 #include "eigenhand_hand.h"
 
 #include <stdio.h>
@@ -44,9 +37,6 @@
 #endif
 #ifndef FILE_STATUS
 #define FILE_STATUS EIGENHAND_HAND_OK
-#endif
-#ifndef MESSAGE_DATA
-#define MESSAGE_DATA hand->error
 #endif
 #ifndef GENERATE
 #define GENERATE generate
@@ -109,18 +99,6 @@ static eigenhand_status generate(const uint8_t *options, size_t options_len, voi
 #endif
 }
 
-#ifdef TORN
-/* Two pages that map a file of one: there is no memory behind the second. */
-static const uint8_t *torn(void) {
-    FILE *file = tmpfile();
-    long page = sysconf(_SC_PAGESIZE);
-    if (!file || ftruncate(fileno(file), page)) {
-        return NULL;
-    }
-    return mmap(NULL, 2 * (size_t)page, PROT_READ, MAP_PRIVATE, fileno(file), 0);
-}
-#endif
-
 static eigenhand_status file_count(const void *handle, size_t *out) {
     (void)handle;
     *out = N_FILES;
@@ -145,7 +123,7 @@ static eigenhand_status file(const void *handle, size_t index, eigenhand_bytes *
 
 static eigenhand_status error_message(const void *handle, eigenhand_bytes *out) {
     const struct hand *hand = handle;
-    out->data = (const uint8_t *)MESSAGE_DATA;
+    out->data = (const uint8_t *)hand->error;
     out->len = strlen(hand->error);
     return EIGENHAND_HAND_OK;
 }

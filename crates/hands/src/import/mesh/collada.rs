@@ -6,8 +6,7 @@ use std::path::Path;
 use nalgebra::{Matrix4, Rotation3, Translation3, Unit};
 use xmltree::Element;
 
-use super::{Mesh, Point};
-use crate::closure;
+use super::triangles::{Mesh, Point, push_fan};
 use crate::xml::{self, elements};
 
 /// Deepest chain of nodes and of nodes that stand for others.
@@ -19,7 +18,7 @@ const MAX_TRIANGLES: usize = 4_000_000;
 
 /// Reads the scene of a file. The axis that points up is not turned, as robots' viewers do not turn it either.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
-    let root = closure::parse(&xml::decode(bytes).0, Path::new("COLLADA")).map_err(|e| e.to_string())?;
+    let root = xml::parse(&xml::decode(bytes).0, Path::new("COLLADA")).map_err(|e| e.to_string())?;
     if root.name != "COLLADA" {
         return Err(format!("<{}> as the root element", root.name));
     }
@@ -99,7 +98,7 @@ impl<'a> Scene<'a> {
                 if mirrored {
                     corners.reverse();
                 }
-                super::push_fan(&mut self.mesh.triangles, &corners);
+                push_fan(&mut self.mesh.triangles, &corners);
             }
             if self.mesh.triangles.len() > MAX_TRIANGLES {
                 return Err(format!("more than {MAX_TRIANGLES} faces"));

@@ -1,6 +1,6 @@
 //! OBJ: vertices and faces, all groups as one mesh.
 
-use super::{Mesh, Point};
+use super::triangles::{Mesh, Point, push_fan};
 
 /// Reads the faces of a file; normals, texture coordinates and materials are not used.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
@@ -26,7 +26,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
                     let corner = vertex(word, vertices.len()).and_then(|i| vertices.get(i));
                     corners.push(*corner.ok_or_else(|| wrong(&format!("a face with the corner `{word}`")))?);
                 }
-                super::push_fan(&mut mesh.triangles, &corners);
+                push_fan(&mut mesh.triangles, &corners);
             }
             _ => {}
         }

@@ -1,6 +1,6 @@
 //! STL, binary and text.
 
-use super::{Mesh, Point};
+use super::triangles::{Mesh, Point, push_fan};
 
 const HEADER: usize = 80;
 const COUNT: usize = 4;
@@ -50,7 +50,7 @@ fn text(text: &str) -> Result<Mesh, String> {
                 corners.push(point);
             }
             "endloop" => {
-                super::push_fan(&mut mesh.triangles, &corners);
+                push_fan(&mut mesh.triangles, &corners);
                 corners.clear();
             }
             _ => {}

@@ -5,10 +5,11 @@ use std::path::Path;
 use nalgebra::{Isometry3, Translation3, Vector3};
 use urdf_rs::{Geometry, Robot};
 
+use super::finite::{finite, pose};
 use super::meshes::{Meshes, Shape};
-use super::{finite, pose};
 use crate::error::HandError;
-use crate::import::{Assets, note};
+use crate::import::imported::Assets;
+use crate::notes::note;
 
 /// A geom as MJCF says it.
 #[derive(Debug, Clone)]

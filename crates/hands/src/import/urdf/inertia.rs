@@ -2,10 +2,10 @@
 
 use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 
-use super::HUGE;
+use super::finite::HUGE;
 use super::geometry::Geom;
 use super::source::Source;
-use crate::import::note;
+use crate::notes::note;
 
 /// Mass that is none (kg).
 const NO_MASS: f64 = 1e-9;

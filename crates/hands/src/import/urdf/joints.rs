@@ -5,11 +5,11 @@ use std::path::Path;
 use nalgebra::{Isometry3, Translation3, UnitVector3, Vector3};
 use urdf_rs::JointType;
 
+use super::finite::{HUGE, finite, pose};
 use super::source::Source;
 use super::tree::Tree;
-use super::{HUGE, finite, pose};
 use crate::error::HandError;
-use crate::import::note;
+use crate::notes::note;
 
 /// How a joint moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 
 use crate::error::HandError;
+use crate::import::imported::{Assets, ImportOptions};
 use crate::import::mesh::Mesh;
-use crate::import::{Assets, ImportOptions, note};
 use crate::manifest::MANIFEST_FILE;
+use crate::notes::note;
 
 /// Half of the thickness of the box that stands for a flat mesh (m).
 const MIN_HALF: f64 = 0.0005;

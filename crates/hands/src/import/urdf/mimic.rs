@@ -4,9 +4,10 @@ use std::path::Path;
 
 use urdf_rs::Robot;
 
+use super::finite::finite;
 use super::joints::{Joint, Motion};
 use crate::error::HandError;
-use crate::import::note;
+use crate::notes::note;
 
 /// `dependent = offset + multiplier * driver`.
 #[derive(Debug)]
@@ -49,7 +50,7 @@ fn follow(robot: &Robot, joints: &[Joint], dependent: usize, file: &Path) -> Res
         };
         let place = format!("joint `{}` <mimic>", robot.joints[at].name);
         let values = [mimic.offset.unwrap_or(0.0), mimic.multiplier.unwrap_or(1.0)];
-        let [offset, multiplier] = super::finite(&values, &place, file)?;
+        let [offset, multiplier] = finite(&values, &place, file)?;
         found.offset += found.multiplier * offset;
         found.multiplier *= multiplier;
         at = robot.joints.iter().position(|j| j.name == mimic.joint).ok_or_else(|| {

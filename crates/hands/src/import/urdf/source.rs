@@ -5,10 +5,9 @@ use std::path::Path;
 
 use xmltree::Element;
 
-use crate::closure;
 use crate::error::HandError;
-use crate::import::{first_tag, note};
-use crate::xml::{self, append, elements, set};
+use crate::notes::{latin_note, note};
+use crate::xml::{self, append, elements, first_tag, set};
 
 /// What a joint says that the reader of URDF would replace by a default without a word.
 #[derive(Debug, Default)]
@@ -39,19 +38,18 @@ struct Clean {
     ghosts: Vec<String>,
 }
 
-/// Reads the robot in `file`.
-pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Source, HandError> {
-    let bytes = std::fs::read(file).map_err(HandError::io(file))?;
-    let (text, is_latin) = xml::decode(&bytes);
+/// Reads the robot that `file` holds as `bytes`.
+pub(super) fn read(file: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result<Source, HandError> {
+    let (text, is_latin) = xml::decode(bytes);
     if is_latin {
-        notes.push(closure::latin_note(file));
+        notes.push(latin_note(file));
     }
     let (text, comment) = xml::without_declaration(&text);
     if comment {
         notes.push("a comment stands before the XML declaration, which XML does not allow; it was skipped".to_owned());
     }
     refuse_xacro_tags(&text, file)?;
-    let root = closure::parse(&declare_prefixes(&text), file)?;
+    let root = xml::parse(&declare_prefixes(&text), file)?;
     if root.name != "robot" {
         return Err(HandError::model(file, "root element", "<robot>", format!("<{}>", root.name)));
     }

@@ -11,7 +11,7 @@ use super::inertia::Inertial;
 use super::joints::{Joint, Motion};
 use super::mimic::Mimic;
 use super::tree::Tree;
-use crate::import::Assets;
+use crate::import::imported::Assets;
 use crate::xml::{append, append_section, element, numbers, set};
 
 /// Name that MuJoCo keeps for itself.

@@ -5,10 +5,9 @@ use std::path::Path;
 
 use xmltree::Element;
 
-use super::each_in_world;
 use crate::error::HandError;
-use crate::import::note;
-use crate::mjcf::{Attributes, Defaults};
+use crate::mjcf::{Attributes, Defaults, each_in_world};
+use crate::notes::note;
 use crate::xml::{attribute, elements, elements_mut, set};
 
 /// Rotor inertia (kg m2) that stands in for a joint's inertia where a damping ratio has to become a damping.

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use xmltree::Element;
 
-use crate::closure;
 use crate::error::HandError;
-use crate::import::Assets;
+use crate::import::imported::Assets;
 use crate::mjcf::{Compiler, Defaults};
+use crate::sources;
 use crate::xml::{attribute, elements_mut, retain_elements, set};
 
 /// Reads the meshes, gives every file a name of its own, and writes what its class gives an asset onto the asset.
@@ -42,7 +42,7 @@ pub(super) fn assets(
             }
             let path = compiler.asset_path(&asset.name, &written, file.parent().unwrap_or(Path::new("")));
             if !names.contains_key(&path) {
-                let bytes = closure::read_asset(&path, asset, file)?;
+                let bytes = sources::read_asset(&path, asset, file)?;
                 let name = free_name(&written, &kept);
                 kept.push((name.clone(), bytes));
                 names.insert(path.clone(), name);

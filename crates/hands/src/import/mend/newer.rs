@@ -106,7 +106,7 @@ fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSe
     Ok(())
 }
 
-/// Tells whether an attribute is kept for [`super::mjcf`] to express in another way.
+/// Tells whether an attribute is kept for [`super`] to express in another way.
 fn is_converted(element: &Element, key: &str) -> bool {
     matches!((element.name.as_str(), key), ("position", "kv" | "dampratio") | ("connect", "site1" | "site2"))
 }

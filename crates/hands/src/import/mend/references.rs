@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use xmltree::Element;
 
-use super::each_in_world;
-use crate::import::note;
+use crate::mjcf::each_in_world;
+use crate::notes::note;
 use crate::xml::{attribute, elements, elements_mut, retain_elements, set};
 
 /// Sections in which an element names others.

@@ -1,6 +1,7 @@
-//! The files that make a hand: the manifest, the model with its includes, and the assets that the model names.
+//! The source files of a hand: the manifest, the model with its includes, and the assets that the model names.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
 
@@ -8,15 +9,17 @@ use sha2::{Digest, Sha256};
 use xmltree::{Element, XMLNode};
 
 use crate::error::HandError;
+use crate::manifest::MANIFEST_FILE;
 use crate::mjcf::Compiler;
+use crate::notes::latin_note;
 use crate::xml::{self, elements};
 
-/// Deepest nesting of elements that is read; real hands stay far below.
+/// Deepest nesting of elements across included files; real hands stay far below.
 const MAX_DEPTH: usize = 200;
 
-/// A model with its includes expanded, and the files it was made of.
+/// A model with its includes expanded, and the files it was read from.
 #[derive(Debug)]
-pub(crate) struct Closure {
+pub(crate) struct Sources {
     /// Root element of the model.
     pub(crate) model: Element,
     /// Every file by its path relative to the hand's directory.
@@ -25,18 +28,22 @@ pub(crate) struct Closure {
     pub(crate) digest: String,
 }
 
-/// Reads the model at `model` (relative to `directory`) with everything it refers to.
+/// Reads the model at `model` (relative to `directory`) with every file that it includes or names.
+///
+/// `manifest` is the path of the manifest, and `text` is its content.
 pub(crate) fn read(
     directory: &Path,
     manifest: &Path,
+    text: &str,
     model: &str,
     notes: &mut Vec<String>,
-) -> Result<Closure, HandError> {
+) -> Result<Sources, HandError> {
     let mut files = Files::new(directory, notes)?;
-    files.add(manifest, "hand.toml", manifest)?;
+    let (_, relative) = files.locate(manifest, MANIFEST_FILE, manifest)?;
+    files.contents.insert(relative, text.as_bytes().to_vec());
     let model_path = directory.join(model);
     let text = files.text(manifest, "model", &model_path)?;
-    let mut root = parse(&text, &model_path)?;
+    let mut root = xml::parse(&text, &model_path)?;
     if root.name != "mujoco" {
         return Err(HandError::model(
             &model_path,
@@ -54,13 +61,16 @@ pub(crate) fn read(
         }
     }
     let (files, digest) = files.finish();
-    Ok(Closure { model: root, files, digest })
+    Ok(Sources { model: root, files, digest })
 }
 
-/// Reads the model in `file`, wherever it lies, with its includes expanded.
-pub(crate) fn expand(file: &Path, notes: &mut Vec<String>) -> Result<Element, HandError> {
+/// Expands the includes of the model that `file` holds as `bytes`; included files may lie anywhere.
+pub(crate) fn expand(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Result<Element, HandError> {
     let mut files = Files::anywhere(notes);
-    let mut root = parse(&files.text(file, "model", file)?, file)?;
+    let text = files.decode(file, &bytes);
+    let (_, canonical) = files.locate(file, "model", file)?;
+    files.contents.insert(canonical, bytes);
+    let mut root = xml::parse(&text, file)?;
     let base = file.parent().unwrap_or(Path::new("")).to_path_buf();
     expand_includes(&mut root, file, &base, &mut files, 0)?;
     Ok(root)
@@ -77,79 +87,6 @@ pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Ve
         });
     }
     std::fs::read(path).map_err(HandError::io(path))
-}
-
-/// Parses XML of bounded depth; `file` is named in errors.
-pub(crate) fn parse(text: &str, file: &Path) -> Result<Element, HandError> {
-    // Readers of XML put the whole of a long reason on several lines.
-    let xml_error = |message: String| HandError::Xml {
-        file: file.to_path_buf(),
-        message: message.split_whitespace().collect::<Vec<_>>().join(" "),
-    };
-    let text = &xml::without_declaration(text).0;
-    check_depth(text).map_err(xml_error)?;
-    let nodes = Element::parse_all(text.as_bytes()).map_err(|e| xml_error(e.to_string()))?;
-    nodes
-        .into_iter()
-        .find_map(|node| match node {
-            XMLNode::Element(element) => Some(element),
-            _ => None,
-        })
-        .ok_or_else(|| xml_error("no root element".to_owned()))
-}
-
-/// What is said of a file that [`xml::decode`] read as Latin-1.
-pub(crate) fn latin_note(file: &Path) -> String {
-    let name = file.file_name().unwrap_or_default().to_string_lossy();
-    format!("{name} is not UTF-8; it was read as Latin-1")
-}
-
-/// Refuses text whose nesting would exhaust the stack of the recursive parser.
-fn check_depth(text: &str) -> Result<(), String> {
-    let mut depth = 0_usize;
-    let mut rest = text;
-    while let Some(start) = rest.find('<') {
-        rest = &rest[start..];
-        let end = if rest.starts_with("<!--") {
-            rest.find("-->").map(|i| i + 3)
-        } else if rest.starts_with("<![CDATA[") {
-            rest.find("]]>").map(|i| i + 3)
-        } else if rest.starts_with("<?") {
-            rest.find("?>").map(|i| i + 2)
-        } else if rest.starts_with("<!") {
-            return Err("a document type declaration; remove it".to_owned());
-        } else {
-            let end = tag_end(rest);
-            if rest.starts_with("</") {
-                depth = depth.saturating_sub(1);
-            } else if end.is_some_and(|i| !rest[..i].ends_with("/>")) {
-                depth += 1;
-            }
-            end
-        };
-        if depth > MAX_DEPTH {
-            return Err(format!("elements nested deeper than {MAX_DEPTH}"));
-        }
-        match end {
-            Some(end) => rest = &rest[end..],
-            None => return Ok(()),
-        }
-    }
-    Ok(())
-}
-
-/// Returns the length of the tag that `text` begins with, a `>` inside quotes not counted.
-fn tag_end(text: &str) -> Option<usize> {
-    let mut quote = None;
-    for (i, c) in text.char_indices() {
-        match (quote, c) {
-            (None, '"' | '\'') => quote = Some(c),
-            (Some(open), _) if open == c => quote = None,
-            (None, '>') => return Some(i + 1),
-            _ => {}
-        }
-    }
-    None
 }
 
 fn expand_includes(
@@ -179,7 +116,7 @@ fn expand_includes(
                     ));
                 }
                 let text = files.text(file, "include file", &path)?;
-                let mut included = parse(&text, &path)?;
+                let mut included = xml::parse(&text, &path)?;
                 expand_includes(&mut included, &path, base, files, depth + 1)?;
                 children.append(&mut included.children);
             }
@@ -239,8 +176,8 @@ impl<'a> Files<'a> {
         path.canonicalize().ok().and_then(|p| self.relative(p)).is_some_and(|p| self.contents.contains_key(&p))
     }
 
-    /// Reads a file that `referrer` names in `key`, if it lies in the hand's directory.
-    fn add(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<Vec<u8>, HandError> {
+    /// Finds a file that `referrer` names in `key`: its canonical path, and the path under which it is kept.
+    fn locate(&self, referrer: &Path, key: &str, path: &Path) -> Result<(PathBuf, PathBuf), HandError> {
         let escape = || HandError::Escape {
             file: referrer.to_path_buf(),
             key: key.to_owned(),
@@ -259,18 +196,30 @@ impl<'a> Files<'a> {
             });
         };
         let relative = self.relative(canonical.clone()).ok_or_else(escape)?;
-        let bytes = std::fs::read(&canonical).map_err(HandError::io(path))?;
-        self.contents.insert(relative, bytes.clone());
-        Ok(bytes)
+        Ok((canonical, relative))
+    }
+
+    /// Reads a file that `referrer` names in `key`, if it lies in the hand's directory.
+    fn add(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<&[u8], HandError> {
+        let (canonical, relative) = self.locate(referrer, key, path)?;
+        Ok(match self.contents.entry(relative) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => new.insert(std::fs::read(canonical).map_err(HandError::io(path))?),
+        })
     }
 
     /// Reads a file of XML as [`Self::add`] does, with a note where it is not UTF-8.
     fn text(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<String, HandError> {
-        let (text, is_latin) = xml::decode(&self.add(referrer, key, path)?);
+        let bytes = self.add(referrer, key, path)?.to_vec();
+        Ok(self.decode(path, &bytes))
+    }
+
+    fn decode(&mut self, path: &Path, bytes: &[u8]) -> String {
+        let (text, is_latin) = xml::decode(bytes);
         if is_latin {
             self.notes.push(latin_note(path));
         }
-        Ok(text)
+        text
     }
 
     fn finish(self) -> (Vec<PathBuf>, String) {

@@ -5,14 +5,15 @@ use std::path::Path;
 
 use xmltree::Element;
 
-use super::{Imported, newer};
-use crate::closure;
+use super::imported::Imported;
 use crate::error::HandError;
-use crate::mjcf::{Compiler, Defaults};
+use crate::mjcf::{Compiler, Defaults, each_in_world};
 use crate::model::Joints;
+use crate::sources;
 use crate::xml::{append, attribute, element, elements_mut, retain_elements};
 
 mod assets;
+mod newer;
 mod physics;
 mod references;
 mod world;
@@ -23,9 +24,9 @@ pub(super) use world::keep_body;
 /// Sections of a file that say nothing about the hand's body; unknown things in them are left out with them.
 const LEFT_OUT: [&str; 8] = ["option", "size", "visual", "statistic", "custom", "sensor", "keyframe", "deformable"];
 
-/// Reads the MJCF in `file`.
-pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Imported, HandError> {
-    let mut root = closure::expand(file, notes)?;
+/// Reads the MJCF that `file` holds as `bytes`.
+pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Result<Imported, HandError> {
+    let mut root = sources::expand(file, bytes, notes)?;
     let compiler = Compiler::read(&root, file)?;
     leave_out_sections(&mut root, notes);
     newer::mend(&mut root, file, notes)?;
@@ -47,30 +48,6 @@ pub(super) fn read(file: &Path, notes: &mut Vec<String>) -> Result<Imported, Han
     references::connections(&mut root, notes);
     physics::damping(&mut root, &defaults, file, notes)?;
     Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
-}
-
-/// Calls `act` with every element below `parent` inside bodies, and the class that its bodies give it.
-fn each_in_bodies<E>(
-    parent: &mut Element,
-    childclass: Option<&str>,
-    act: &mut impl FnMut(&mut Element, Option<&str>) -> Result<(), E>,
-) -> Result<(), E> {
-    for child in elements_mut(parent) {
-        let own = attribute(child, "childclass").map(str::to_owned);
-        let class = own.as_deref().or(childclass);
-        act(child, class)?;
-        if child.name == "body" {
-            each_in_bodies(child, class, act)?;
-        }
-    }
-    Ok(())
-}
-
-pub(crate) fn each_in_world<E>(
-    root: &mut Element,
-    act: &mut impl FnMut(&mut Element, Option<&str>) -> Result<(), E>,
-) -> Result<(), E> {
-    elements_mut(root).filter(|e| e.name == "worldbody").try_for_each(|world| each_in_bodies(world, None, act))
 }
 
 /// Settings of the compiler that would change the scene around the hand.

@@ -5,10 +5,9 @@ use std::path::Path;
 
 use xmltree::{Element, XMLNode};
 
-use super::each_in_world;
 use super::references::{Named, named_by};
-use crate::import::note;
-use crate::mjcf::Defaults;
+use crate::mjcf::{Defaults, each_in_world};
+use crate::notes::note;
 use crate::xml::{append, attribute, element, elements, elements_mut, retain_elements, set};
 
 /// Name of the body that is made where a file keeps parts of the hand in the world.
