@@ -50,7 +50,7 @@ fn load(directory: &Path) -> Result<Hand, HandError> {
             return Err(HandError::plugin(
                 &library,
                 "the names of the files",
-                "names that differ",
+                "distinct names",
                 format!("{name} twice"),
             ));
         }

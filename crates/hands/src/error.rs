@@ -16,7 +16,7 @@ pub enum HandError {
         source: std::io::Error,
     },
     /// A directory that should hold a hand has no manifest.
-    #[error("{}: no {expected} here; a hand's directory holds one", path.display())]
+    #[error("{}: no {expected} in this directory; name a directory that holds one", path.display())]
     NoManifest {
         /// The directory.
         path: PathBuf,
@@ -134,7 +134,7 @@ pub enum HandError {
         nearest: Option<String>,
     },
     /// Two plugin directories hold hands of one name.
-    #[error("two hands are named `{name}`: {} and {}; rename one in its hand.toml, or leave one directory out", first.display(), second.display())]
+    #[error("two hands are named `{name}`: {} and {}; rename one in its hand.toml, or remove one directory from the search path", first.display(), second.display())]
     DuplicateHand {
         /// The name.
         name: String,
@@ -174,7 +174,7 @@ pub enum HandError {
     #[error(
         "{}: `library`: no {expected} was found; {}; looked in: {}",
         file.display(),
-        build.as_ref().map_or("put the library beside this file".to_owned(), |build| format!("build it with `{build}`")),
+        build.as_ref().map_or("put the library into this directory".to_owned(), |build| format!("build it with `{build}`")),
         searched.join(", ")
     )]
     MissingLibrary {
@@ -188,7 +188,7 @@ pub enum HandError {
         searched: Vec<String>,
     },
     /// The library of a compiled plugin is damaged, or none for this machine.
-    #[error("{}: not a library that can be opened: {message}; build it anew for this machine", file.display())]
+    #[error("{}: cannot open this library: {message}; rebuild it for this machine", file.display())]
     DamagedLibrary {
         /// The library.
         file: PathBuf,
@@ -196,7 +196,7 @@ pub enum HandError {
         message: String,
     },
     /// A compiled plugin was built for another version of the plugin interface.
-    #[error("{}: built for version {got} of the plugin interface, expected {expected}; build the plugin with the interface of this program", file.display())]
+    #[error("{}: built for version {got} of the plugin interface, expected {expected}; rebuild the plugin with eigenhand-hand-abi {expected}", file.display())]
     PluginVersion {
         /// The sidecar or the library.
         file: PathBuf,
@@ -206,7 +206,7 @@ pub enum HandError {
         got: String,
     },
     /// A compiled plugin does not keep to the plugin interface.
-    #[error("{}: {place}: expected {expected}, got {got}; this is a defect of the plugin", file.display())]
+    #[error("{}: {place}: expected {expected}, got {got}; this is a bug in the plugin, report it to its author", file.display())]
     Plugin {
         /// The library.
         file: PathBuf,
@@ -235,7 +235,7 @@ pub enum HandError {
         source: Box<HandError>,
     },
     /// A directory that was named as a place of plugins does not exist.
-    #[error("{}: named by {origin} as a place of plugins, but it is no directory", path.display())]
+    #[error("{}: {origin} names this as a directory of plugins, but it is no directory", path.display())]
     NoPluginDirectory {
         /// The directory.
         path: PathBuf,

@@ -23,7 +23,7 @@ impl Imported {
     /// that go is left out with a note.
     pub fn leave_out_arm(&mut self, hand: &str, joints: &[String], notes: &mut Vec<String>) {
         mend::keep_body(&mut self.model, hand, joints);
-        note(notes, &format!("the hand begins with `{hand}`; left out above it, with the arm's joints"), joints);
+        note(notes, &format!("the hand begins with `{hand}`; the arm above it was removed, with its joints"), joints);
         mend::drop_dangling(&mut self.model, notes);
     }
 }

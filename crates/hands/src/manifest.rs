@@ -276,7 +276,7 @@ impl HandManifest {
         check_relative("model", &self.model, file)?;
         for (key, names) in [("fingertips", Some(&self.fingertips)), ("posture_joints", self.posture_joints.as_ref())] {
             if let Some(twice) = names.and_then(|names| first_duplicate(names)) {
-                return Err(HandError::invalid(file, key, "names that differ", format!("`{twice}` twice")));
+                return Err(HandError::invalid(file, key, "distinct names", format!("`{twice}` twice")));
             }
         }
         require(self.posture_joints.as_ref().is_none_or(|names| !names.is_empty()), "posture_joints", "[]".to_owned())?;

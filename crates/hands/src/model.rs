@@ -65,8 +65,8 @@ impl Contents {
                 return Err(HandError::model(
                     file,
                     format!("actuator `{}`", actuator.name),
-                    "names that differ",
-                    "the name twice",
+                    "distinct names",
+                    "this name twice",
                 ));
             }
             reader.contents.actuators.push(actuator);
@@ -103,7 +103,7 @@ impl Reader<'_> {
                         self.file,
                         format!("body `{body}`"),
                         "hinge and slide joints",
-                        "a free joint; a hand is carried by its mount",
+                        "a free joint; remove it, the mount carries the hand",
                     ));
                 }
                 "site" => self.contents.sites.extend(child.attributes.get("name").cloned()),
@@ -137,7 +137,7 @@ impl Reader<'_> {
             ));
         };
         if self.contents.joints.iter().any(|joint| joint.name == *name) {
-            return Err(HandError::model(self.file, attributes.place(), "names that differ", "the name twice"));
+            return Err(HandError::model(self.file, attributes.place(), "distinct names", "this name twice"));
         }
         let compiler = &self.contents.compiler;
         let convert = |value: f64| {

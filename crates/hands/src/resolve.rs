@@ -43,7 +43,7 @@ pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path)
         return Err(HandError::invalid(
             file,
             "slide.name",
-            "a name that no joint or actuator of the model has",
+            "a name that is unlike every joint and actuator of the model",
             format!("\"{}\"", slide.name),
         ));
     }

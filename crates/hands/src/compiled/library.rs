@@ -137,7 +137,7 @@ impl<'a> Functions<'a> {
             let status = unsafe { (self.file)(hand, index, &raw mut name, &raw mut content) };
             self.succeeded("file", status)?;
             let name = self.copy("file", "a name", name, MAX_NAME)?;
-            let content = self.copy("file", "files of together", content, left)?;
+            let content = self.copy("file", "content", content, left)?;
             left -= content.len();
             files.push((name, content));
         }
@@ -173,7 +173,7 @@ impl<'a> Functions<'a> {
         match bytes {
             Bytes { len: 0, .. } => Ok(Vec::new()),
             Bytes { len, .. } if len > limit => {
-                Err(self.wrong(call, &format!("{what} at most {limit} bytes"), format!("{len} bytes")))
+                Err(self.wrong(call, &format!("{what} of at most {limit} bytes"), format!("{len} bytes")))
             }
             Bytes { data, .. } if data.is_null() => Err(self.wrong(call, what, "null")),
             // SAFETY: the plugin promises that these bytes stay valid until the hand is freed.

@@ -54,7 +54,10 @@ pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Resu
 fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     if in_radians_unsaid(root, file)? {
         append(root, element("compiler", &[("angle", "radian".to_owned())]));
-        notes.push("the file does not say in which unit its angles are, and ranges so small are radians".to_owned());
+        notes.push(
+            "the file names no unit of angles; radians were assumed, because no hinge range is beyond one turn"
+                .to_owned(),
+        );
     }
     let mut limits_written = false;
     for compiler in elements_mut(root).filter(|e| e.name == "compiler") {
@@ -67,8 +70,7 @@ fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<
             ));
         }
         if compiler.attributes.shift_remove("settotalmass").is_some() {
-            notes
-                .push("compiler settotalmass is left out: it would scale the object's mass with the hand's".to_owned());
+            notes.push("compiler settotalmass was removed: it would also scale the object's mass".to_owned());
         }
         limits_written |= compiler.attributes.contains_key("autolimits");
     }
@@ -112,6 +114,9 @@ fn leave_out_sections(root: &mut Element, notes: &mut Vec<String>) {
         gone.remove(silent);
     }
     if !gone.is_empty() {
-        notes.push(format!("left out, as they are not the hand: {}", gone.into_iter().collect::<Vec<_>>().join(", ")));
+        notes.push(format!(
+            "sections removed, because they do not describe the hand: {}",
+            gone.into_iter().collect::<Vec<_>>().join(", ")
+        ));
     }
 }

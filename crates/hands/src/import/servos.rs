@@ -150,9 +150,9 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
     })?;
     if changed > 0 {
         notes.push(format!(
-            "so that the hand is steady, {changed} joints got a damping of {TIME_CONSTANT} s times their servo's \
-             stiffness ({FREE_HINGE_DAMPING} N m s, slides {FREE_SLIDE_DAMPING} N s/m without a servo), or an armature of {ARMATURE} s2 times \
-             it, where the file has less"
+            "{changed} joints got the damping or armature that a stable servo needs: damping {TIME_CONSTANT} s times \
+             the servo's stiffness (without a servo {FREE_HINGE_DAMPING} N m s, slides {FREE_SLIDE_DAMPING} N s/m), \
+             armature {ARMATURE} s2 times it"
         ));
     }
     Ok(())
@@ -190,7 +190,7 @@ fn control_ranges(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> R
         }
     }
     if !made.is_empty() {
-        notes.push(format!("actuators without a control range got one, please look at it: {}", made.join(", ")));
+        notes.push(format!("actuators without a control range got a guessed one, check it: {}", made.join(", ")));
     }
     Ok(())
 }

@@ -92,7 +92,7 @@ fn missing_files() {
     );
     let hand = Fixture::new();
     std::fs::remove_file(hand.path("hand.toml")).unwrap();
-    assert_eq!(hand.message(), "DIR: no hand.toml here; a hand's directory holds one");
+    assert_eq!(hand.message(), "DIR: no hand.toml in this directory; name a directory that holds one");
 }
 
 #[test]
@@ -166,11 +166,11 @@ fn names_that_do_not_resolve() {
 fn names_that_clash() {
     assert_eq!(
         model_message("name=\"right_far_joint\"", "name=\"left_far_joint\""),
-        "DIR/pincer.xml: joint `left_far_joint`: expected names that differ, got the name twice"
+        "DIR/pincer.xml: joint `left_far_joint`: expected distinct names, got this name twice"
     );
     assert_eq!(
         manifest_message("[mount]", "[slide]\nname = \"left_drive\"\n[mount]"),
-        "DIR/hand.toml: key `slide.name`: expected a name that no joint or actuator of the model has, got \"left_drive\""
+        "DIR/hand.toml: key `slide.name`: expected a name that is unlike every joint and actuator of the model, got \"left_drive\""
     );
 }
 
@@ -186,7 +186,7 @@ fn models_that_cannot_be_a_hand() {
     );
     assert_eq!(
         model_message("<body name=\"base\">", "<body name=\"base\"><freejoint/>"),
-        "DIR/pincer.xml: body `base`: expected hinge and slide joints, got a free joint; a hand is carried by its mount"
+        "DIR/pincer.xml: body `base`: expected hinge and slide joints, got a free joint; remove it, the mount carries the hand"
     );
     assert_eq!(
         model_message("<compiler", "<include file=\"drives.xml\"/><compiler"),

@@ -171,8 +171,8 @@ fn another_version_is_refused_before_the_library_is_opened() {
     plugin.edit("abi = [1, 0]", "abi = [2, 0]");
     assert_eq!(
         plugin.message(),
-        "DIR/hand-plugin.toml: built for version 2.0 of the plugin interface, expected 1.0; build the plugin with the \
-         interface of this program"
+        "DIR/hand-plugin.toml: built for version 2.0 of the plugin interface, expected 1.0; rebuild the plugin with \
+         eigenhand-hand-abi 1.0"
     );
 }
 
@@ -215,7 +215,7 @@ fn a_library_that_is_missing_is_told_with_the_command_that_builds_it() {
     );
     assert!(message.starts_with(&expected), "{message}");
     plugin.edit("build = \"make pincer\"\n", "");
-    assert!(plugin.message().contains("put the library beside this file"));
+    assert!(plugin.message().contains("put the library into this directory"));
 }
 
 #[test]
@@ -260,10 +260,10 @@ fn the_name_in_the_sidecar_is_the_generated_one() {
 
 #[test]
 fn a_table_of_another_kind_is_refused() {
-    let broken = "; this is a defect of the plugin";
+    let broken = "; this is a bug in the plugin, report it to its author";
     assert_eq!(
         c_message(&["MAJOR=2"]),
-        "built for version 2.0 of the plugin interface, expected 1.0; build the plugin with the interface of this program"
+        "built for version 2.0 of the plugin interface, expected 1.0; rebuild the plugin with eigenhand-hand-abi 1.0"
     );
     assert_eq!(
         c_message(&["STRUCT_SIZE=24"]),
@@ -290,34 +290,31 @@ fn a_table_of_another_kind_is_refused() {
 #[test]
 fn a_function_that_is_nowhere_is_told_when_the_library_is_opened() {
     let message = c_message(&["UNDEFINED_FUNCTION"]);
-    assert!(
-        message.starts_with("not a library that can be opened: ") && message.contains("defined_nowhere"),
-        "{message}"
-    );
+    assert!(message.starts_with("cannot open this library: ") && message.contains("defined_nowhere"), "{message}");
 }
 
 #[test]
 fn files_that_break_the_rules_are_refused() {
-    let broken = |says: &str| format!("{says}; this is a defect of the plugin");
+    let broken = |says: &str| format!("{says}; this is a bug in the plugin, report it to its author");
     for (macros, says) in [
         (&["N_FILES=1001"][..], "file_count: expected at most 1000 files, got 1001"),
-        (&["N_FILES=3"], "the names of the files: expected names that differ, got model.xml twice"),
+        (&["N_FILES=3"], "the names of the files: expected distinct names, got model.xml twice"),
         (&["N_FILES=0"], "the files: expected hand.toml, got none of that name"),
         (&["FILE_STATUS=5"], "file: expected status 0, got status 5"),
-        (&["MODEL_NAME_LEN=256"], "file: expected a name at most 255 bytes, got 256 bytes"),
+        (&["MODEL_NAME_LEN=256"], "file: expected a name of at most 255 bytes, got 256 bytes"),
         (&["MODEL_NAME_LEN=0"], "the name of a file: expected a plain path below the hand's directory, got ``"),
         (&["MODEL_NAME=\"../x\""], "the name of a file: expected a plain path below the hand's directory, got `../x`"),
         (
             &["MODEL_NAME=\"a\\xff\""],
             "the name of a file: expected a plain path below the hand's directory, got `a\\xff`, which is not UTF-8",
         ),
-        (&["MODEL_DATA=0"], "file: expected files of together, got null"),
+        (&["MODEL_DATA=0"], "file: expected content, got null"),
         (&["NO_HAND=0"], "generate: expected a hand, got null"),
     ] {
         assert_eq!(c_message(macros), broken(says), "{macros:?}");
     }
     let message = c_message(&["MODEL_LEN=(size_t)-1"]);
-    assert!(message.starts_with("file: expected files of together at most 268435"), "{message}");
+    assert!(message.starts_with("file: expected content of at most 268435"), "{message}");
 }
 
 #[test]
@@ -347,7 +344,7 @@ fn a_file_that_is_no_library_is_refused() {
         std::fs::write(broken.library(), content).unwrap();
         broken.message()
     };
-    let says = format!("DIR/{}: not a library that can be opened: ", library_name("pincer"));
+    let says = format!("DIR/{}: cannot open this library: ", library_name("pincer"));
     assert!(message(&[]).starts_with(&says));
     assert!(message(&[b'x'; 5000]).starts_with(&says));
     let mut damaged = sound.clone();

@@ -66,7 +66,7 @@ fn two_hands_of_one_name_are_refused_and_the_others_stay() {
     assert_eq!(
         error.to_string(),
         format!(
-            "two hands are named `alpha`: {} and {}; rename one in its hand.toml, or leave one directory out",
+            "two hands are named `alpha`: {} and {}; rename one in its hand.toml, or remove one directory from the search path",
             one.path().join("a").display(),
             two.path().join("x").display()
         )
@@ -110,7 +110,10 @@ fn a_directory_that_somebody_named_must_exist() {
     let mut path = SearchPath::new();
     path.push("/nowhere/at/all", "--plugins");
     let error = Registry::discover(&path).unwrap_err();
-    assert_eq!(error.to_string(), "/nowhere/at/all: named by --plugins as a place of plugins, but it is no directory");
+    assert_eq!(
+        error.to_string(),
+        "/nowhere/at/all: --plugins names this as a directory of plugins, but it is no directory"
+    );
 }
 
 /// Runs as the child of the next test, where the environment is set.

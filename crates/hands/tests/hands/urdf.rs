@@ -228,7 +228,10 @@ fn limits_are_read_with_sense() {
     assert_eq!(limits("<limit effort=\"1\" velocity=\"1\"/>").0, Some(None));
     let (range, notes) = limits("<limit lower=\"1.5\" upper=\"-0.5\" velocity=\"1\"/>");
     assert_eq!(range, Some(Some("-0.5 1.5".to_owned())));
-    assert!(notes.contains("exchanged: base"), "{notes}");
+    assert!(
+        notes.contains("limits were swapped, because the lower was above the upper, at the joints: base"),
+        "{notes}"
+    );
     let (fixed, notes) = limits("<limit lower=\"0.5\" upper=\"0.5\" velocity=\"1\"/>");
     assert_eq!(fixed, None);
     assert!(notes.contains("fixed there: base"), "{notes}");
@@ -241,7 +244,7 @@ fn inertias_that_no_body_can_have_are_mended() {
         .replace("<mass value=\"0.03\"/>", "<mass value=\"NaN\"/>");
     let imported = convert(&broken);
     assert!(has_note(&imported, &["raised", "proximal"]), "{:?}", imported.notes);
-    assert!(has_note(&imported, &["from their size", "distal"]), "{:?}", imported.notes);
+    assert!(has_note(&imported, &["computed from their size", "distal"]), "{:?}", imported.notes);
     for name in ["palm", "proximal", "distal"] {
         let inertial = body(&imported, name).get_child("inertial").unwrap();
         let mut moments = numbers(inertial, "diaginertia");
@@ -285,7 +288,7 @@ fn xacro_is_refused_with_the_way_out() {
 #[test]
 fn a_comment_before_the_declaration_is_skipped_and_said() {
     let imported = convert(&format!("<!-- licence -->\n\n{FINGER}"));
-    assert!(has_note(&imported, &["a comment stands before the XML declaration, which XML does not allow"]));
+    assert!(has_note(&imported, &["a comment before the XML declaration, which XML forbids, was skipped"]));
     assert_eq!(all(&imported.model, "body").len(), 4);
     assert!(!has_note(&convert(FINGER), &["comment"]));
 }
@@ -321,10 +324,7 @@ fn broken_trees_are_refused() {
     let cases = [
         (robot(&[link("a"), link("b")]), "`a`, `b`"),
         (robot(&[link("a"), link("b"), joint("j", "a", "b"), joint("k", "b", "a")]), "cycle"),
-        (
-            robot(&[link("a"), link("b"), link("c"), joint("j", "b", "c"), joint("k", "c", "b")]),
-            "cycle that holds `b`, `c`",
-        ),
+        (robot(&[link("a"), link("b"), link("c"), joint("j", "b", "c"), joint("k", "c", "b")]), "a cycle of `b`, `c`"),
         (robot(&[link("a"), joint("j", "a", "a")]), "cycle"),
         (robot(&[link("a"), link("b"), joint("j", "palm", "b")]), "`palm`"),
         (robot(&[link("a"), link("b"), link("c"), joint("j", "a", "c"), joint("k", "b", "c")]), "`j` and `k`"),
@@ -491,7 +491,7 @@ fn collada_is_read_in_metres_with_its_nodes() {
     let points: Vec<_> = triangles(&assets[0].1).into_iter().flatten().collect();
     assert!(points.iter().all(|p| p.z > 0.099 && p.x < 1e-6 && p.x > -0.0101), "lifted, turned and in metres");
     robot.write("urdf/tip.dae", dae.replace("1 2 3</p>", "1 2 4</p>").as_bytes());
-    assert!(robot.import().unwrap_err().to_string().contains("convert it to STL"));
+    assert!(robot.import().unwrap_err().to_string().contains("convert other kinds to STL"));
 }
 
 /// Pieces that are likely to lead a reader astray.

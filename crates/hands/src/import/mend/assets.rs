@@ -56,7 +56,7 @@ pub(super) fn assets(
         }
     }
     if looks > 0 {
-        notes.push(format!("{looks} textures, skins and height fields are left out: they are looks, not the hand"));
+        notes.push(format!("{looks} textures, skins and height fields were removed: they only change the looks"));
     }
     Ok(kept)
 }

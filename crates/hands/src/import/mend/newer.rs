@@ -67,7 +67,7 @@ pub(super) fn mend(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> 
     walk(root, &schema, file, &mut found)?;
     if !found.is_empty() {
         let list: Vec<String> = found.into_iter().collect();
-        notes.push(format!("newer than MuJoCo 2.2.2 and left out: {}", list.join(", ")));
+        notes.push(format!("removed, because unknown to MuJoCo 2.2.2: {}", list.join(", ")));
     }
     Ok(())
 }
@@ -113,7 +113,7 @@ fn is_converted(element: &Element, key: &str) -> bool {
 
 fn refuse(parent: &str, child: &Element, file: &Path) -> Result<(), HandError> {
     let what = match child.name.as_str() {
-        "extension" | "plugin" => "engine plugins; write their actuators anew as <position>, or leave them out",
+        "extension" | "plugin" => "engine plugins; rewrite their actuators as <position>, or remove them",
         "frame" => "frames; save the model with a newer MuJoCo (mj_saveLastXML), which resolves them",
         "replicate" | "attach" | "model" => {
             "models made of models; save the model with a newer MuJoCo (mj_saveLastXML), which resolves them"

@@ -28,7 +28,7 @@ pub(super) fn inertia_groups(
     let Some([low, high]) = range.as_deref().and_then(|r| <[f64; 2]>::try_from(r).ok()) else {
         return Ok(());
     };
-    notes.push(format!("inertiagrouprange {low} {high} was written onto the geoms as mass 0"));
+    notes.push(format!("inertiagrouprange {low} {high} was replaced by mass 0 on the geoms outside it"));
     each_in_world(root, &mut |element, class| {
         if element.name == "geom" {
             let group = defaults.resolve(element, class, file)?.number("group")?.unwrap_or(0.0);
@@ -66,7 +66,7 @@ pub(super) fn contact_bits(
         Ok::<(), HandError>(())
     })?;
     if blind > 0 {
-        notes.push(format!("{blind} geoms would not meet the object: bit 1 was added to their contype"));
+        notes.push(format!("{blind} geoms could not touch the object: bit 1 was added to their contype"));
     }
     if colliding == 0 {
         each_in_world(root, &mut |element, _| {
@@ -76,7 +76,7 @@ pub(super) fn contact_bits(
             }
             Ok::<(), HandError>(())
         })?;
-        notes.push("no geom collides: the visual ones stand in, as convex hulls".to_owned());
+        notes.push("no geom collides: the visual geoms collide instead, meshes as convex hulls".to_owned());
     }
     Ok(())
 }
@@ -122,10 +122,10 @@ pub(super) fn damping(
     remove_everywhere(root, &["kv", "dampratio"]);
     if n_damped > 0 {
         notes.push(format!(
-            "newer than MuJoCo 2.2.2: kv or dampratio of {n_damped} servos became damping of their joints and tendons"
+            "kv or dampratio of {n_damped} servos, unknown to MuJoCo 2.2.2, became damping of joints and tendons"
         ));
     }
-    note(notes, "kv or dampratio left out, as they act on no joint or tendon", &lost);
+    note(notes, "kv or dampratio removed, because the servo acts on no joint or tendon", &lost);
     Ok(())
 }
 

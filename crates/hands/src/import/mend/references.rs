@@ -77,7 +77,7 @@ pub(in crate::import) fn drop_dangling(root: &mut Element, notes: &mut Vec<Strin
             keep
         });
     }
-    note(notes, "left out, as they refer to parts that are left out", &dropped);
+    note(notes, "removed, because they name parts that were removed", &dropped);
 }
 
 fn described(element: &Element) -> String {
@@ -118,8 +118,6 @@ pub(super) fn connections(root: &mut Element, notes: &mut Vec<String>) {
         }
     }
     if changed > 0 {
-        notes.push(
-            "connections between sites, newer than MuJoCo 2.2.2, are written as connections between bodies".to_owned(),
-        );
+        notes.push("connects between sites, unknown to MuJoCo 2.2.2, became connects between bodies".to_owned());
     }
 }

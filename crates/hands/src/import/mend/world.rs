@@ -39,10 +39,10 @@ pub(super) fn one_root(root: &mut Element, defaults: &Defaults, file: &Path, not
         let mut base = element("body", &[("name", BASE.to_owned())]);
         base.children = std::mem::take(&mut world.children);
         append(&mut world, base);
-        notes.push(format!("the parts in the world were put into one body `{BASE}`"));
+        notes.push(format!("the parts in the world were moved into one body `{BASE}`"));
     }
     append(root, world);
-    note(notes, "left out of the hand", &gone);
+    note(notes, "removed, because they are not part of the hand", &gone);
 }
 
 /// Tells whether a child of the world is part of the hand, which is then tied to its mount.
@@ -178,7 +178,7 @@ pub(super) fn name_parts(root: &mut Element, notes: &mut Vec<String>) {
             name(actuator, like);
         }
     }
-    note(notes, "names made up where the file has none", &made);
+    note(notes, "unnamed parts got a name", &made);
 }
 
 /// Collects the names of joints, bodies and actuators; in MJCF, names of one kind are told apart.

@@ -14,7 +14,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
         None if bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) => {
             text(&String::from_utf8_lossy(bytes))
         }
-        None => Err("an STL file whose length is not what its number of faces says".to_owned()),
+        None => Err("an STL file whose length does not match its number of faces".to_owned()),
     }
 }
 

@@ -54,7 +54,7 @@ pub(super) fn read(
         }
         geoms.push(of_link);
     }
-    note(notes, "collision geometry without a size was left out, at the links", &empty);
+    note(notes, "collision geometry of size zero was removed, at the links", &empty);
     Ok((geoms, meshes.finish(notes)))
 }
 

@@ -68,9 +68,9 @@ pub(super) fn read(
         made.push(format!("{} ({:.3} kg)", links[i].name, inertial.mass));
         inertials[i] = Some(inertial);
     }
-    note(notes, "inertias that no body can have were raised as little as possible", &raised);
-    note(notes, "inertias without a positive mass or a finite tensor were left out, at the links", &unusable);
-    note(notes, "moving links without inertia got one from their size", &made);
+    note(notes, "impossible inertias were raised to the nearest possible ones, at the links", &raised);
+    note(notes, "inertias without a positive mass or a finite tensor were removed, at the links", &unusable);
+    note(notes, "moving links without inertia got one computed from their size", &made);
     inertials
 }
 

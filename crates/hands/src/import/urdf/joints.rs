@@ -55,9 +55,9 @@ pub(super) fn read(source: &Source, file: &Path, notes: &mut Vec<String>) -> Res
         .zip(&source.stated)
         .map(|(joint, stated)| read_joint(joint, stated.range, &mut mended, file))
         .collect::<Result<_, _>>()?;
-    note(notes, "joints without limits in the file were left without", &mended.unlimited);
-    note(notes, "joints whose lower limit lies above the upper one: the two were exchanged", &mended.swapped);
-    note(notes, "joints whose limits leave no room were fixed there", &mended.held);
+    note(notes, "joints without limits in the file stay unlimited", &mended.unlimited);
+    note(notes, "limits were swapped, because the lower was above the upper, at the joints", &mended.swapped);
+    note(notes, "joints with equal limits were fixed there", &mended.held);
     Ok(joints)
 }
 

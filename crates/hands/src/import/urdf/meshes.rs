@@ -138,7 +138,7 @@ impl<'a> Meshes<'a> {
             let direct = directory.join(path);
             let found = if direct.is_file() { Some(direct.clone()) } else { above(path) };
             let way_out = || match name.contains("://") && !name.starts_with("file://") {
-                true => "download it, and name the file here".to_owned(),
+                true => "download it, and name the downloaded file in the URDF".to_owned(),
                 false => format!("put it at {}", direct.display()),
             };
             return found.ok_or_else(|| missing(way_out()));
@@ -153,12 +153,12 @@ impl<'a> Meshes<'a> {
             return if path.is_file() {
                 Ok(path)
             } else {
-                Err(missing(format!("it is not at {}, where {setting} puts it", path.display())))
+                Err(missing(format!("there is no such file at {}, where {setting} points", path.display())))
             };
         }
         above(&format!("{package}/{path}"))
             .or_else(|| above(path))
-            .ok_or_else(|| missing(format!("say where its package lies: {setting}")))
+            .ok_or_else(|| missing(format!("name the package's directory: {setting}")))
     }
 
     /// Returns the assets and says what was changed.
@@ -177,8 +177,8 @@ fn read(path: &Path, link: &str) -> Result<Mesh, HandError> {
         HandError::model(
             path,
             format!("mesh of link `{link}`"),
-            "a mesh in STL, OBJ or COLLADA (.dae); else convert it to STL, with Blender or `assimp export IN OUT.stl`, \
-             and name that in the URDF",
+            "an STL, OBJ or COLLADA (.dae) mesh (convert other kinds to STL with Blender or \
+             `assimp export IN OUT.stl`, and name the STL in the URDF)",
             got,
         )
     })

@@ -33,7 +33,7 @@ pub(super) fn resolve(
         }
     }
     let names: Vec<&str> = mimics.iter().map(|m| robot.joints[m.dependent].name.as_str()).collect();
-    note(notes, "joints that follow another one (`mimic`) and take no actuator", &names);
+    note(notes, "joints that follow another joint (`mimic`) and need no actuator", &names);
     Ok(mimics)
 }
 
@@ -63,7 +63,7 @@ fn follow(robot: &Robot, joints: &[Joint], dependent: usize, file: &Path) -> Res
     Err(HandError::model(
         file,
         format!("joint `{}` <mimic>", robot.joints[dependent].name),
-        "a joint that moves by itself at the end of the chain",
+        "a chain that ends at a joint without <mimic>",
         "a cycle",
     ))
 }

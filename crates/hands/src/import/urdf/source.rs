@@ -46,7 +46,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result
     }
     let (text, comment) = xml::without_declaration(&text);
     if comment {
-        notes.push("a comment stands before the XML declaration, which XML does not allow; it was skipped".to_owned());
+        notes.push("a comment before the XML declaration, which XML forbids, was skipped".to_owned());
     }
     refuse_xacro_tags(&text, file)?;
     let root = xml::parse(&declare_prefixes(&text), file)?;
@@ -64,7 +64,12 @@ pub(super) fn read(file: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result
         HandError::model(file, "<robot>", "a URDF", reason)
     })?;
     if robot.joints.len() != stated.len() || robot.links.len() != has_inertial.len() {
-        return Err(HandError::model(file, "<robot>", "links and joints that can be told apart", "others"));
+        return Err(HandError::model(
+            file,
+            "<robot>",
+            "as many links and joints as <link> and <joint> elements",
+            "another number",
+        ));
     }
     Ok(Source { robot, stated, has_inertial })
 }
@@ -138,7 +143,7 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
     let holds = |name: &str| links().any(|link| link.get_child(name).is_some());
     let visual = !holds("collision") && holds("visual");
     if visual {
-        notes.push("no link has collision geometry; what is seen of the links touches instead".to_owned());
+        notes.push("no link has collision geometry; the visual geometry collides instead".to_owned());
     }
     let mut clean = Clean {
         robot: copy(root),
@@ -157,8 +162,8 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
     if clean.has_inertial.is_empty() {
         return Err(HandError::model(file, "<robot>", "at least one <link>", "none"));
     }
-    note(notes, "links that are seen but have no collision geometry touch nothing", &clean.ghosts);
-    note(notes, "elements that stand outside of links and joints were left out", &strays(root));
+    note(notes, "links with visual but no collision geometry touch nothing", &clean.ghosts);
+    note(notes, "elements outside of links and joints were ignored", &strays(root));
     Ok(clean)
 }
 

@@ -49,11 +49,8 @@ impl Tree {
                 return Err(HandError::model(
                     file,
                     format!("link `{}`", joint.child.link),
-                    "one joint that carries it",
-                    format!(
-                        "`{}` and `{}`; a closed loop cannot be told in URDF",
-                        robot.joints[other].name, joint.name
-                    ),
+                    "one parent joint",
+                    format!("`{}` and `{}`; URDF cannot describe closed loops", robot.joints[other].name, joint.name),
                 ));
             }
             tree.joint[child] = Some(j);
@@ -69,10 +66,10 @@ impl Tree {
         let roots: Vec<usize> = (0..self.joint.len()).filter(|&i| self.joint[i].is_none()).collect();
         let [root] = roots[..] else {
             let got = match roots.len() {
-                0 => "none: the joints make a cycle".to_owned(),
+                0 => "none: the joints form a cycle".to_owned(),
                 _ => roots.iter().map(name).collect::<Vec<_>>().join(", "),
             };
-            return Err(HandError::model(file, "<robot>", "one link that no joint carries, as the root", got));
+            return Err(HandError::model(file, "<robot>", "one root link, which is the child of no joint", got));
         };
         let mut level = vec![root];
         for _ in 0..MAX_DEPTH {
@@ -90,8 +87,8 @@ impl Tree {
         if self.order.len() < self.joint.len() {
             let loose: Vec<String> =
                 (0..self.joint.len()).filter(|i| !self.order.contains(i)).map(|i| name(&i)).collect();
-            let got = format!("a cycle that holds {}", loose.join(", "));
-            return Err(HandError::model(file, "<robot>", "every link joined to the root", got));
+            let got = format!("a cycle of {}", loose.join(", "));
+            return Err(HandError::model(file, "<robot>", "a path of joints from the root to every link", got));
         }
         Ok(())
     }

@@ -51,7 +51,7 @@ fn published_files_that_are_refused_say_why() {
     assert!(reason.contains("this is xacro"), "{reason}");
     // These come without their meshes.
     let (reason, notes) = refused("shadow_sr_common_urdf/sr_description/mujoco_models/urdfs/shadowhand_motor.urdf");
-    assert!(notes.contains("a comment stands before the XML declaration"), "{notes}");
+    assert!(notes.contains("a comment before the XML declaration"), "{notes}");
     assert!(reason.contains(".dae") && reason.contains("--package sr_description=DIR"), "{reason}");
     let (reason, _) = refused("robotiq_c2_urdf/robotiq_2f_c2_gripper_visualization/urdf/robotiq_c2_model.urdf");
     assert!(reason.contains(".dae") && reason.contains("was not found"), "{reason}");
