@@ -1,6 +1,4 @@
-//! The map from a posture to the commands that hold it.
-
-use serde::Serialize;
+//! The map from a posture to the actuator commands that hold it.
 
 use crate::hand::Hand;
 use crate::parts::{HandActuator, Transmission};
@@ -10,20 +8,18 @@ use crate::parts::{HandActuator, Transmission};
 /// # Source
 /// At rest a position servo's force vanishes: `gain * ctrl = stiffness * length - bias`, and MuJoCo's actuator length is
 /// gear times joint position, or gear times the sum of coefficient and joint position for a fixed tendon.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Actuation {
     /// Actuators in order, the slide's first and then the model's in document order.
     pub actuators: Vec<String>,
     /// Joints of the posture in order: the columns of `matrix`.
     pub joints: Vec<String>,
-    /// Rows of `joints.len()` numbers, one for each actuator.
+    /// Rows of `joints.len()` numbers, one for each actuator; zeros for a motor or another actuator that holds no position.
     pub matrix: Vec<Vec<f64>>,
     /// Command at the zero posture, one for each actuator.
     pub offset: Vec<f64>,
     /// Lowest and highest command of each actuator.
     pub ctrlrange: Vec<(f64, f64)>,
-    /// Actuators that hold no position (motors and the like): their rows are zero.
-    pub unmapped: Vec<String>,
 }
 
 impl Actuation {
@@ -48,8 +44,8 @@ impl Actuation {
 impl Hand {
     /// Computes the map from a posture to actuator commands.
     ///
-    /// A driven joint outside the posture follows its coupling where the coupling is linear and its driver is in the
-    /// posture, and else stays in the open posture.
+    /// A driven joint outside the posture follows its coupling if the coupling is linear and its driver is in the posture;
+    /// otherwise it stays in the open posture.
     pub fn actuation(&self) -> Actuation {
         let joints: Vec<String> = self.posture.iter().map(|j| j.name.clone()).collect();
         let slide = &self.manifest.slide;
@@ -59,15 +55,11 @@ impl Hand {
             matrix: vec![(0..joints.len()).map(|i| f64::from(u8::from(Some(i) == slide_column))).collect()],
             offset: vec![if slide_column.is_some() { 0.0 } else { slide.start }],
             ctrlrange: vec![(slide.range[0], slide.range[1])],
-            unmapped: Vec::new(),
             joints,
         };
         for actuator in &self.actuators {
-            let row = self.row(actuator, &map.joints);
-            if row.is_none() {
-                map.unmapped.push(actuator.name.clone());
-            }
-            let (coefficients, offset) = row.unwrap_or_else(|| (vec![0.0; map.joints.len()], 0.0));
+            let (coefficients, offset) =
+                self.row(actuator, &map.joints).unwrap_or_else(|| (vec![0.0; map.joints.len()], 0.0));
             map.actuators.push(actuator.name.clone());
             map.matrix.push(coefficients);
             map.offset.push(offset);
@@ -76,6 +68,7 @@ impl Hand {
         map
     }
 
+    /// Returns the row and the offset of an actuator; none where it holds no position.
     fn row(&self, actuator: &HandActuator, joints: &[String]) -> Option<(Vec<f64>, f64)> {
         let servo = actuator.servo?;
         let scale = actuator.gear * servo.stiffness / servo.gain;

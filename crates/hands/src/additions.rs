@@ -1,4 +1,4 @@
-//! What a manifest adds to a model: servos, couplings, contact bits.
+//! Applies the additions of a manifest to a model: servos, couplings, contact bits.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::mjcf::{Defaults, each_in_world};
 use crate::model::Joints;
 use crate::xml::{append_section, attribute, element, elements_mut, numbers, retain_elements, set};
 
-/// Applies what the manifest in `file` adds to the model.
+/// Applies the additions of the manifest in `file` to the model.
 pub(crate) fn apply(model: &mut Element, manifest: &HandManifest, file: &Path) -> Result<(), HandError> {
     couplings(model, manifest, file)?;
     actuators(model, manifest, file)?;
@@ -25,7 +25,7 @@ fn known(joints: &Joints, name: &str, key: String, file: &Path) -> Result<(), Ha
     Err(HandError::unresolved(file, key, "a joint of the model", name, names))
 }
 
-/// Takes away the actuators that act on a joint by themselves.
+/// Removes the actuators that act on this joint alone.
 fn free(model: &mut Element, joint: &str) {
     for section in elements_mut(model).filter(|e| e.name == "actuator") {
         retain_elements(section, |e| attribute(e, "joint") != Some(joint));

@@ -1,8 +1,7 @@
 //! Compiled plugins: hands that a library generates from options.
 //!
-//! Such a plugin is a directory with a sidecar, `hand-plugin.toml`. Its library yields the files that a hand's directory
-//! would hold; they are copied out, written to a cache, and read from there as any hand is. Unsafe code is in `library`
-//! alone.
+//! Such a plugin is a directory with a sidecar, `hand-plugin.toml`. Its library returns the files of a hand's directory.
+//! They are copied, written to a cache and read from there like any other hand. Only `library` holds unsafe code.
 
 mod cache;
 mod library;
@@ -22,7 +21,7 @@ pub use sidecar::{SIDECAR_FILE, SIDECAR_KEYS};
 /// Loads the hand in `directory`, which holds a manifest or a sidecar.
 ///
 /// # Errors
-/// Both files, or whatever is wrong with the hand: see [`HandError`].
+/// The directory holds both files, or the hand has an error: see [`HandError`].
 pub(crate) fn load_either(directory: &Path) -> Result<Hand, HandError> {
     match (directory.join(MANIFEST_FILE).is_file(), directory.join(SIDECAR_FILE).is_file()) {
         (true, true) => {
@@ -33,7 +32,7 @@ pub(crate) fn load_either(directory: &Path) -> Result<Hand, HandError> {
     }
 }
 
-/// Tells whether `directory` holds a hand of either kind.
+/// Returns true if `directory` holds a hand of either kind.
 pub(crate) fn holds_hand(directory: &Path) -> bool {
     [MANIFEST_FILE, SIDECAR_FILE].iter().any(|name| directory.join(name).is_file())
 }
@@ -76,13 +75,16 @@ fn load(directory: &Path) -> Result<Hand, HandError> {
     Ok(hand)
 }
 
-/// Returns a name that stays below the directory it is joined to; else says what the name is.
+/// Returns the name if it is a plain path below a directory.
+///
+/// # Errors
+/// The name, described for a message.
 fn plain_path(name: &[u8]) -> Result<String, String> {
     let text = std::str::from_utf8(name).map_err(|_| format!("`{}`, which is not UTF-8", name.escape_ascii()))?;
     let plain = |part: &str| {
         !matches!(part, "" | "." | "..") && !part.contains(|c: char| c.is_control() || matches!(c, '\\' | ':'))
     };
-    // The sidecar is a file of the hand as well, and not the library's to write.
+    // The sidecar is already a file of this hand.
     if text.split('/').all(plain) && text != SIDECAR_FILE {
         Ok(text.to_owned())
     } else {

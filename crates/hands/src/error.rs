@@ -1,8 +1,8 @@
-//! What can be wrong with a hand, said so that its owner can mend it.
+//! Errors of a hand, written so that its owner can fix them.
 
 use std::path::{Path, PathBuf};
 
-/// Why a hand cannot be used. Every message names the file, the place in it and what is expected there.
+/// An error in a hand's files. Every message names the file, the place in it and the expected value.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum HandError {
@@ -15,7 +15,7 @@ pub enum HandError {
         #[source]
         source: std::io::Error,
     },
-    /// A directory that should hold a hand has no manifest.
+    /// A directory has no manifest.
     #[error("{}: no {expected} in this directory; name a directory that holds one", path.display())]
     NoManifest {
         /// The directory.
@@ -31,16 +31,16 @@ pub enum HandError {
         /// The parser's reason, with line and column.
         message: String,
     },
-    /// The manifest has a key that the schema does not know.
+    /// The manifest has an unknown key.
     #[error("{}: unknown key `{key}`{}; known here: {}", file.display(), did_you_mean(nearest), known.join(", "))]
     UnknownKey {
         /// The manifest.
         file: PathBuf,
         /// The key, with its table.
         key: String,
-        /// The known key closest to it.
+        /// The most similar known key.
         nearest: Option<String>,
-        /// All keys that are allowed there.
+        /// All known keys of this table.
         known: Vec<String>,
     },
     /// The manifest lacks a key.
@@ -50,19 +50,19 @@ pub enum HandError {
         file: PathBuf,
         /// The key, with its table.
         key: String,
-        /// What its value should be.
+        /// The expected value.
         expected: String,
     },
-    /// A value in the manifest has the wrong type or lies outside what is allowed.
+    /// A value in the manifest has the wrong type or is out of range.
     #[error("{}: key `{key}`: expected {expected}, got {got}", file.display())]
     InvalidValue {
         /// The manifest.
         file: PathBuf,
         /// The key, with its table.
         key: String,
-        /// What its value should be.
+        /// The expected value.
         expected: String,
-        /// What it is.
+        /// The value found.
         got: String,
     },
     /// A path leads out of the hand's directory.
@@ -77,17 +77,17 @@ pub enum HandError {
         /// The hand's directory.
         directory: PathBuf,
     },
-    /// A file that is referred to does not exist.
+    /// A file named in another file does not exist.
     #[error("{}: `{key}`: file {} does not exist", file.display(), got.display())]
     MissingFile {
-        /// The file that refers to it.
+        /// The file that names it.
         file: PathBuf,
         /// The key or attribute.
         key: String,
-        /// The file that was looked for.
+        /// The missing file.
         got: PathBuf,
     },
-    /// A mesh that a link names was not found.
+    /// A link names a mesh that was not found.
     #[error("{}: link `{link}`: mesh `{got}` was not found; {way_out}", file.display())]
     MissingMesh {
         /// The model file.
@@ -96,7 +96,7 @@ pub enum HandError {
         link: String,
         /// The mesh as written.
         got: String,
-        /// What to do about it.
+        /// How to fix it.
         way_out: String,
     },
     /// The model file is not XML.
@@ -107,33 +107,33 @@ pub enum HandError {
         /// The parser's reason.
         message: String,
     },
-    /// The model file says something that a hand cannot use.
+    /// The model file holds something that a hand cannot use.
     #[error("{}: {place}: expected {expected}, got {got}", file.display())]
     Model {
         /// The model file.
         file: PathBuf,
         /// The element or attribute.
         place: String,
-        /// What is expected there.
+        /// The expected content.
         expected: String,
-        /// What is there.
+        /// The content found.
         got: String,
     },
-    /// A name refers to nothing in the model.
+    /// The model has nothing of this name.
     #[error("{}: `{key}`: expected the name of {expected}, got `{got}`{}", file.display(), did_you_mean(nearest))]
     Unresolved {
         /// The file that holds the name.
         file: PathBuf,
         /// The key or attribute.
         key: String,
-        /// The kind of thing that should bear the name.
+        /// The expected kind of part.
         expected: String,
         /// The name.
         got: String,
-        /// The closest name of that kind.
+        /// The most similar name of this kind.
         nearest: Option<String>,
     },
-    /// Two plugin directories hold hands of one name.
+    /// Two directories hold hands of the same name.
     #[error("two hands are named `{name}`: {} and {}; rename one in its hand.toml, or remove one directory from the search path", first.display(), second.display())]
     DuplicateHand {
         /// The name.
@@ -143,7 +143,7 @@ pub enum HandError {
         /// The other directory.
         second: PathBuf,
     },
-    /// No hand bears this name.
+    /// No hand has this name.
     #[error(
         "no hand is named `{got}`{}; known hands: {}; searched: {}",
         did_you_mean(nearest),
@@ -151,13 +151,13 @@ pub enum HandError {
         list_or(searched, "nothing")
     )]
     UnknownHand {
-        /// The name that was asked for.
+        /// The requested name.
         got: String,
-        /// The closest known name.
+        /// The most similar known name.
         nearest: Option<String>,
         /// All known names.
         known: Vec<String>,
-        /// The directories that were searched.
+        /// The searched directories.
         searched: Vec<String>,
     },
     /// A directory holds both a hand and a compiled plugin.
@@ -170,7 +170,7 @@ pub enum HandError {
         /// File name of a generated hand's sidecar.
         second: &'static str,
     },
-    /// The library of a compiled plugin is not there.
+    /// The library of a compiled plugin was not found.
     #[error(
         "{}: `library`: no {expected} was found; {}; looked in: {}",
         file.display(),
@@ -180,19 +180,19 @@ pub enum HandError {
     MissingLibrary {
         /// The sidecar.
         file: PathBuf,
-        /// The file that was looked for.
+        /// The missing file.
         expected: String,
-        /// The command that builds it.
+        /// The command to build it.
         build: Option<String>,
-        /// The directories that were searched.
+        /// The searched directories.
         searched: Vec<String>,
     },
-    /// The library of a compiled plugin is damaged, or none for this machine.
+    /// The system refused to open the library of a compiled plugin.
     #[error("{}: cannot open this library: {message}; rebuild it for this machine", file.display())]
     DamagedLibrary {
         /// The library.
         file: PathBuf,
-        /// What is wrong with it.
+        /// The system's reason.
         message: String,
     },
     /// A compiled plugin was built for another version of the plugin interface.
@@ -205,16 +205,16 @@ pub enum HandError {
         /// The plugin's version.
         got: String,
     },
-    /// A compiled plugin does not keep to the plugin interface.
+    /// A compiled plugin breaks the rules of the plugin interface.
     #[error("{}: {place}: expected {expected}, got {got}; this is a bug in the plugin, report it to its author", file.display())]
     Plugin {
         /// The library.
         file: PathBuf,
         /// The function or field.
         place: String,
-        /// What is expected there.
+        /// The expected content.
         expected: String,
-        /// What is there.
+        /// The content found.
         got: String,
     },
     /// A compiled plugin generated no hand.
@@ -225,16 +225,16 @@ pub enum HandError {
         /// The plugin's reason.
         message: String,
     },
-    /// What a compiled plugin generated is not a sound hand.
+    /// A compiled plugin generated a hand with an error.
     #[error("{}: the generated hand is broken: {source}", file.display())]
     Generated {
         /// The sidecar.
         file: PathBuf,
-        /// What is wrong with the generated files.
+        /// The error in the generated files.
         #[source]
         source: Box<HandError>,
     },
-    /// A directory that was named as a place of plugins does not exist.
+    /// A directory of plugins does not exist.
     #[error("{}: {origin} names this as a directory of plugins, but it is no directory", path.display())]
     NoPluginDirectory {
         /// The directory.
@@ -294,7 +294,7 @@ impl HandError {
     }
 }
 
-/// Returns the known name that is closest to `got`, if any is close enough to be a likely slip.
+/// Returns the known name most similar to `got`, if it is similar enough for a typing error.
 pub(crate) fn nearest<'a>(got: &str, known: impl IntoIterator<Item = &'a str>) -> Option<String> {
     const LIKELY: f64 = 0.6;
     let got_lower = got.to_lowercase();

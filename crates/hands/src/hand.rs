@@ -1,4 +1,4 @@
-//! A hand that was read and checked: its manifest, its model, and the joints, actuators and couplings of the model.
+//! A hand after reading and checking: its manifest, its model, and the model's joints, actuators and couplings.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,10 +9,10 @@ use crate::manifest::HandManifest;
 use crate::mjcf::Compiler;
 use crate::parts::{Fingertip, HandActuator, HandCoupling, HandJoint};
 
-/// A hand whose files were read and whose names all resolve.
+/// A hand after reading: every name in its manifest resolves.
 #[derive(Debug, Clone)]
 pub struct Hand {
-    /// What the hand's owner wrote.
+    /// The contents of `hand.toml`.
     pub manifest: HandManifest,
     /// The hand's directory.
     pub directory: PathBuf,
@@ -22,19 +22,19 @@ pub struct Hand {
     pub compiler: Compiler,
     /// Folder that the model's asset paths are relative to, before `meshdir` and `texturedir`.
     pub model_directory: PathBuf,
-    /// Files that the model names and that are held here, by the names it uses; all others lie in the model's directory.
+    /// Files of the model that are held in memory, by the names that the model uses; all other files lie in the model's directory.
     pub assets: Vec<(String, Vec<u8>)>,
-    /// What was changed or assumed while the model was read, one line each.
+    /// Changes and assumptions made while reading the model, one line each.
     pub notes: Vec<String>,
-    /// Every file that makes the hand, relative to its directory; a compiled plugin's sidecar and the files it generates.
-    /// The meshes that a URDF names are not listed.
+    /// Every file of the hand, relative to its directory. For a compiled plugin: its sidecar and the generated files. For a
+    /// URDF: without its meshes.
     pub files: Vec<PathBuf>,
-    /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal; for a URDF, of [`Self::assets`] too, which
-    /// its meshes have become.
+    /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal. For a URDF it also covers [`Self::assets`],
+    /// the converted meshes.
     pub digest: String,
     /// The model's joints in MuJoCo's order, without the slide.
     pub joints: Vec<HandJoint>,
-    /// Joints of the posture in order, with the slide where the posture has it.
+    /// Joints of the posture in order, including the slide if it is part of the posture.
     pub posture: Vec<HandJoint>,
     /// The model's actuators in document order, without the slide's.
     pub actuators: Vec<HandActuator>,
@@ -52,7 +52,7 @@ impl Hand {
 
     /// Returns the position of every joint of the model at the start of an episode, by name.
     ///
-    /// A joint that the manifest leaves out follows its coupling, else it takes the position nearest to 0.
+    /// A joint without a value in the manifest follows its coupling; without a coupling it takes the position nearest to 0.
     ///
     /// # Units
     /// rad for hinges, m for slides.

@@ -1,4 +1,4 @@
-//! Reading of model files as their makers publish them: mended, or converted, to a model that MuJoCo 2.2.2 loads.
+//! Reads model files as makers publish them: MJCF is mended and URDF converted, so that MuJoCo 2.2.2 loads the result.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,8 +19,8 @@ mod urdf;
 pub use imported::{ImportOptions, Imported};
 
 impl Imported {
-    /// Keeps the body `hand` with what hangs on it, without the joints named, which moved it: an arm. What refers to parts
-    /// that go is left out with a note.
+    /// Keeps the body `hand` with everything below it, and removes the arm: the bodies above it and its `joints`. Elements
+    /// that name removed parts are removed with a note.
     pub fn leave_out_arm(&mut self, hand: &str, joints: &[String], notes: &mut Vec<String>) {
         mend::keep_body(&mut self.model, hand, joints);
         note(notes, &format!("the hand begins with `{hand}`; the arm above it was removed, with its joints"), joints);
@@ -28,10 +28,10 @@ impl Imported {
     }
 }
 
-/// Reads the model in `file`, MJCF or URDF. `notes` holds what was changed until then even where reading fails.
+/// Reads the model in `file`, MJCF or URDF. If reading fails, `notes` holds the changes made so far.
 ///
 /// # Errors
-/// Names the file, the place in it and the way out: see [`HandError`].
+/// Names the file, the place in it and how to fix it: see [`HandError`].
 pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> Result<Imported, HandError> {
     let bytes = std::fs::read(file).map_err(HandError::io(file))?;
     let text = String::from_utf8_lossy(&bytes);
@@ -50,7 +50,7 @@ pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> 
     Ok(imported)
 }
 
-/// Reads the URDF of a hand's directory, with the files that its model names. `text` is the content of the manifest.
+/// Reads the URDF of a hand's directory with its meshes. `text` is the content of the manifest.
 pub(crate) fn read_urdf(
     directory: &Path,
     manifest_path: &Path,

@@ -12,11 +12,11 @@ use crate::resolve;
 use crate::sources;
 
 impl Hand {
-    /// Reads and checks the hand in `directory`, which holds a manifest. A compiled plugin is loaded by
-    /// [`Registry::get`](crate::Registry::get) alone, which knows where the user allowed libraries.
+    /// Reads and checks the hand in `directory`, which holds a manifest. Only [`Registry::get`](crate::Registry::get) loads
+    /// compiled plugins, because it knows the directories whose libraries the user allowed.
     ///
     /// # Errors
-    /// Names the file, the key and what is expected there: see [`HandError`].
+    /// Names the file, the key and the expected value: see [`HandError`].
     pub fn load(directory: impl AsRef<Path>) -> Result<Self, HandError> {
         let directory = directory.as_ref();
         let manifest_path = directory.join(MANIFEST_FILE);

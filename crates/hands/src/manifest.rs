@@ -1,4 +1,4 @@
-//! `hand.toml`: what a hand's owner writes about the hand. `docs/hands.md` describes it key by key.
+//! `hand.toml`, the description of a hand. `docs/hands.md` explains it key by key.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Component, Path};
@@ -21,7 +21,7 @@ pub const SCHEMA: i64 = 1;
 pub struct HandManifest {
     /// Version of this file's format.
     pub schema: i64,
-    /// Name by which the hand is asked for; also part of run directories' names.
+    /// Name of the hand on the command line; also part of the names of run directories.
     pub name: String,
     /// One line about the hand.
     #[serde(default)]
@@ -44,7 +44,7 @@ pub struct HandManifest {
     /// Licence of the hand's files, as an SPDX expression.
     #[serde(default = "unknown_licence")]
     pub licence: String,
-    /// Where the model and its numbers came from.
+    /// Origin of the model and of its numbers.
     #[serde(default)]
     pub provenance: Vec<String>,
     /// Pose of the hand's root body in the frame of the slide.
@@ -55,22 +55,23 @@ pub struct HandManifest {
     /// Joint values at the start of an episode (rad, m); a joint that is missing starts at 0, or at the limit nearest to 0.
     #[serde(default)]
     pub open_posture: BTreeMap<String, f64>,
-    /// Which way actuators close the hand: 1 at the upper end of their range, -1 at the lower; those left out do neither.
+    /// End of its range at which each actuator closes the hand: 1 the upper, -1 the lower. An actuator without an entry does
+    /// not close the hand.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub closing: BTreeMap<String, f64>,
     /// The objects to grasp.
     #[serde(default)]
     pub objects: Objects,
-    /// Position servos that the model lacks.
+    /// Position servos to add to the model.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub actuators: Vec<AddedActuator>,
-    /// Couplings that the model lacks.
+    /// Couplings to add to the model.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub couplings: Vec<AddedCoupling>,
     /// Contact bits of the hand's geoms; absent: as the model has them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactBits>,
-    /// Keys that the file holds; all others have their defaults.
+    /// Keys written in the file; all others have their defaults.
     #[serde(skip)]
     pub written: BTreeSet<String>,
 }
@@ -79,10 +80,10 @@ pub struct HandManifest {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ModelFormat {
-    /// MuJoCo's XML, which MuJoCo 2.2.2 loads as it is.
+    /// MuJoCo's XML; MuJoCo 2.2.2 loads the file unchanged.
     #[default]
     Mjcf,
-    /// URDF, converted on reading.
+    /// URDF, converted to MJCF at every load.
     Urdf,
 }
 
@@ -174,11 +175,11 @@ impl Default for Objects {
     }
 }
 
-/// A position servo on a joint; it takes the place of one that an importer made.
+/// A position servo to add on a joint; it replaces the actuators that act on this joint alone.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AddedActuator {
-    /// Joint that it moves.
+    /// Joint to move.
     pub joint: String,
     /// Name of the actuator; absent: the joint's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -192,18 +193,18 @@ pub struct AddedActuator {
     pub control_range: Option<[f64; 2]>,
 }
 
-/// A joint that follows another: `joint = multiplier * follows + offset`.
+/// A joint that follows another joint: `joint = multiplier * follows + offset`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AddedCoupling {
-    /// The joint that follows; it takes no actuator.
+    /// The dependent joint; its own actuators are removed.
     pub joint: String,
-    /// The joint that is followed.
+    /// The joint to follow.
     pub follows: String,
     /// Factor; absent: 1.
     #[serde(default = "one")]
     pub multiplier: f64,
-    /// Position where the followed joint is at 0 (rad or m); absent: 0.
+    /// Position of the dependent joint when the followed joint is at 0 (rad or m); absent: 0.
     #[serde(default)]
     pub offset: f64,
 }
@@ -212,9 +213,9 @@ pub struct AddedCoupling {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ContactBits {
-    /// Bits that are matched with the other geom's `conaffinity`.
+    /// Bits compared with the other geom's `conaffinity`.
     pub contype: u32,
-    /// Bits that are matched with the other geom's `contype`.
+    /// Bits compared with the other geom's `contype`.
     pub conaffinity: u32,
 }
 
@@ -254,16 +255,6 @@ impl HandManifest {
         manifest.written = written;
         manifest.check(file)?;
         Ok(manifest)
-    }
-
-    /// Returns the posture's joints in order where the manifest lists them, else the slide and then `model_joints`.
-    pub fn posture_joints_or<'a>(&self, model_joints: impl IntoIterator<Item = &'a str>) -> Vec<String> {
-        match &self.posture_joints {
-            Some(names) => names.clone(),
-            None => {
-                std::iter::once(self.slide.name.clone()).chain(model_joints.into_iter().map(str::to_owned)).collect()
-            }
-        }
     }
 
     fn check(&self, file: &Path) -> Result<(), HandError> {
@@ -356,7 +347,7 @@ fn check_relative(key: &str, path: &str, file: &Path) -> Result<(), HandError> {
     })
 }
 
-/// Tells whether a hand can have this name.
+/// Returns true if a hand can have this name.
 pub fn is_hand_name(name: &str) -> bool {
     name.starts_with(|c: char| c.is_ascii_lowercase() || c.is_ascii_digit())
         && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_')

@@ -16,7 +16,7 @@ pub(crate) fn section<'a>(root: &'a Element, section: &'a str) -> impl Iterator<
     elements(root).filter(move |e| e.name == section).flat_map(elements)
 }
 
-/// Calls `act` with every element below `parent` inside bodies, and the class that its bodies give it.
+/// Calls `act` with every element below `parent`, and with the `childclass` of the bodies around it.
 fn each_in_bodies<E>(
     parent: &mut Element,
     childclass: Option<&str>,
@@ -33,6 +33,7 @@ fn each_in_bodies<E>(
     Ok(())
 }
 
+/// Calls `act` with every element of the world, and with the `childclass` of the bodies around it.
 pub(crate) fn each_in_world<E>(
     root: &mut Element,
     act: &mut impl FnMut(&mut Element, Option<&str>) -> Result<(), E>,
@@ -43,24 +44,24 @@ pub(crate) fn each_in_world<E>(
 /// Unit of angles in a model file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleUnit {
-    /// Degrees, which MJCF takes where nothing is said.
+    /// Degrees, the default of MJCF.
     Degree,
     /// Radians.
     Radian,
 }
 
-/// Settings of the `<compiler>` element that change what a hand's numbers mean.
+/// Settings of the `<compiler>` element that change the meaning of a hand's numbers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Compiler {
     /// Unit of hinge ranges and of written orientations.
     pub angle: AngleUnit,
-    /// True where a range alone makes a joint or control limited.
+    /// True if a range alone makes a joint or control limited.
     pub autolimits: bool,
     /// Folder of meshes, relative to the model file.
     pub mesh_dir: String,
     /// Folder of textures, relative to the model file.
     pub texture_dir: String,
-    /// True where folders in asset file names are dropped.
+    /// True if folders in asset file names are dropped.
     pub strip_path: bool,
 }
 
@@ -100,7 +101,8 @@ impl Compiler {
         Ok(compiler)
     }
 
-    /// Returns where the file lies that an asset element `kind` (`mesh`, `texture`, ...) of a model in `directory` names.
+    /// Returns the path of the file that an asset element names as `written`, for an element `kind` (`mesh`, `texture`, ...)
+    /// of a model in `directory`.
     pub fn asset_path(&self, kind: &str, written: &str, directory: &Path) -> PathBuf {
         let folder = if kind == "texture" { &self.texture_dir } else { &self.mesh_dir };
         let name = if self.strip_path { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
@@ -116,7 +118,7 @@ impl Compiler {
     }
 }
 
-/// Default classes of a model, each with what it inherits.
+/// Default classes of a model, each with its inherited values.
 #[derive(Debug, Default)]
 pub(crate) struct Defaults {
     classes: BTreeMap<String, BTreeMap<String, AttributeMap<String, String>>>,
@@ -171,7 +173,8 @@ impl Defaults {
         Ok(())
     }
 
-    /// Merges the attributes of `element` over its class: its own, else `childclass` of the bodies around it, else the main one.
+    /// Merges the attributes of `element` over the defaults of its class. The class is its own, otherwise the `childclass` of
+    /// the bodies around it, otherwise the main class.
     pub(crate) fn resolve(
         &self,
         element: &Element,
@@ -197,7 +200,7 @@ impl Defaults {
     }
 }
 
-/// All actuator shortcuts set one and the same default in MuJoCo.
+/// Returns the name under which defaults of `tag` are kept: in MuJoCo all actuator shortcuts share one default.
 fn family(tag: &str) -> &str {
     match tag {
         "motor" | "position" | "velocity" | "intvelocity" | "damper" | "cylinder" | "muscle" | "adhesion" => "general",
@@ -265,7 +268,7 @@ impl Attributes {
         Ok(self.numbers(key)?.map(|values| values[0]))
     }
 
-    /// Reads a range that is in force: `range_key` present, and `limited_key` not false.
+    /// Reads a range, if it applies: `range_key` is present and `limited_key` is not false.
     pub(crate) fn limits(&self, range_key: &str, limited_key: &str) -> Result<Option<(f64, f64)>, HandError> {
         let range = self.numbers(range_key)?;
         match (range, self.flag(limited_key)?) {
@@ -273,7 +276,7 @@ impl Attributes {
             (None, Some(true)) => Err(self.error(range_key, "two numbers, because it is limited", "none")),
             (Some(values), _) => match values[..] {
                 [low, high] if low < high => Ok(Some((low, high))),
-                // MuJoCo's own way to say that there is no range.
+                // For MuJoCo, a range of 0 0 means no range.
                 [low, high] if low == 0.0 && high == 0.0 => Ok(None),
                 _ => Err(self.error(range_key, "two numbers, the lower first", format!("{values:?}"))),
             },

@@ -1,4 +1,4 @@
-//! What a model file contains: joints, actuators, couplings and the names of bodies and sites.
+//! Reads the contents of a model: joints, actuators, couplings and the names of bodies and sites.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::parts::{HandActuator, HandCoupling, HandJoint, JointKind, Transmissio
 use crate::servo;
 use crate::xml::elements;
 
-/// The parts of a model that a hand is described by.
+/// The joints, actuators, couplings and names of a model.
 #[derive(Debug)]
 pub(crate) struct Contents {
     pub(crate) compiler: Compiler,
@@ -22,7 +22,7 @@ pub(crate) struct Contents {
     pub(crate) sites: BTreeSet<String>,
 }
 
-/// The joints of a model that need not be complete, in MuJoCo's order.
+/// The joints of a model, in MuJoCo's order; the model may still lack its actuators.
 pub(crate) struct Joints(pub(crate) Vec<HandJoint>);
 
 impl Joints {
@@ -93,7 +93,7 @@ impl Reader<'_> {
         elements(root).filter(|e| e.name == "worldbody").try_for_each(|world| self.children(world, "world", None))
     }
 
-    /// Reads what is inside a body: its own joints and sites first, then its child bodies, as MuJoCo numbers them.
+    /// Reads the children of a body: its joints and sites first, then its child bodies, as MuJoCo numbers them.
     fn children(&mut self, parent: &Element, body: &str, childclass: Option<&str>) -> Result<(), HandError> {
         for child in elements(parent) {
             match child.name.as_str() {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-/// Adds the note `what: names` where there are names, with the first few of many.
+/// Adds the note `what: names` with the first few names; without names it adds nothing.
 pub(crate) fn note<S: AsRef<str>>(notes: &mut Vec<String>, what: &str, names: &[S]) {
     const SHOWN: usize = 12;
     if names.is_empty() {
@@ -16,7 +16,7 @@ pub(crate) fn note<S: AsRef<str>>(notes: &mut Vec<String>, what: &str, names: &[
     notes.push(format!("{what}: {}{more}", shown.join(", ")));
 }
 
-/// What is said of a file that [`xml::decode`](crate::xml::decode) read as Latin-1.
+/// Returns the note about a file that [`xml::decode`](crate::xml::decode) read as Latin-1.
 pub(crate) fn latin_note(file: &Path) -> String {
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     format!("{name} is not UTF-8; it was read as Latin-1")

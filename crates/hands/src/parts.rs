@@ -29,7 +29,7 @@ pub struct HandJoint {
     pub name: String,
     /// Kind of motion.
     pub kind: JointKind,
-    /// Lowest and highest position (rad or m); none where the joint is not limited.
+    /// Lowest and highest position (rad or m); none if the joint is not limited.
     pub range: Option<(f64, f64)>,
     /// Unit of the position, `rad` or `m`.
     pub unit: &'static str,
@@ -46,7 +46,7 @@ impl HandJoint {
     }
 }
 
-/// What an actuator acts on.
+/// The part of the model on which an actuator acts.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub enum Transmission {
     /// A joint.
@@ -58,7 +58,7 @@ pub enum Transmission {
         /// Joint and coefficient of each term.
         terms: Vec<(String, f64)>,
     },
-    /// Anything else, by attribute and name: a spatial tendon, a site, a body.
+    /// Another part, as attribute and name: a spatial tendon, a site, a body.
     Other(String),
 }
 
@@ -67,7 +67,7 @@ pub enum Transmission {
 pub struct Servo {
     /// Force for one unit of control.
     pub gain: f64,
-    /// Force at no control and no length (N or N m).
+    /// Force at control 0 and length 0 (N or N m).
     pub bias: f64,
     /// Force for one unit of length (N/m or N m/rad).
     pub stiffness: f64,
@@ -80,17 +80,17 @@ pub struct HandActuator {
     pub name: String,
     /// Element of the model, such as `position`.
     pub tag: String,
-    /// What it acts on.
+    /// The part on which it acts.
     pub transmission: Transmission,
     /// Factor from the position of the transmission to the actuator's length.
     pub gear: f64,
     /// Lowest and highest command, in the actuator's own unit.
     pub ctrlrange: (f64, f64),
-    /// True where the model gives no control range and it was computed from the joint's.
+    /// True if the model gives no control range, so that it was computed from the joint's range.
     pub ctrlrange_computed: bool,
-    /// Lowest and highest force (N or N m), where limited.
+    /// Lowest and highest force (N or N m), if limited.
     pub forcerange: Option<(f64, f64)>,
-    /// Its force law where it is a position servo.
+    /// Its force law, if it is a position servo.
     pub servo: Option<Servo>,
 }
 
@@ -99,7 +99,7 @@ pub struct HandActuator {
 pub struct HandCoupling {
     /// The joint that follows.
     pub dependent: String,
-    /// The joint that is followed; none where the dependent joint is held in place.
+    /// The joint to follow; none if the dependent joint is held in place.
     pub driver: Option<String>,
     /// Coefficients of powers 0 to 4.
     pub polynomial: [f64; 5],
@@ -132,6 +132,6 @@ pub enum FrameKind {
 pub struct Fingertip {
     /// Name in the model.
     pub name: String,
-    /// What bears the name; a site where both do.
+    /// Kind of frame; a site if a site and a body share the name.
     pub kind: FrameKind,
 }

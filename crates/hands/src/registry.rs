@@ -1,4 +1,4 @@
-//! Finds hands by name in the places where plugins are kept.
+//! Finds hands by name in the directories of plugins.
 
 use std::path::{Path, PathBuf};
 
@@ -8,13 +8,13 @@ use crate::hand::Hand;
 use crate::manifest::MANIFEST_FILE;
 use crate::summary::HandSummary;
 
-/// Environment variable with further directories of plugins, separated as in `PATH`.
+/// Environment variable with more directories of plugins, separated as in `PATH`.
 pub const PLUGINS_VARIABLE: &str = "EIGENHAND_PLUGINS";
 
 const PLUGINS_FOLDER: &str = "plugins";
 const WORKSPACE_MARK: &str = "Cargo.lock";
 
-/// Directories in which plugins are looked for, in order.
+/// Directories to search for plugins, in order.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct SearchPath {
     places: Vec<Place>,
@@ -51,7 +51,7 @@ impl SearchPath {
         path
     }
 
-    /// Adds a directory of plugins, or one plugin's own directory; `origin` says who named it, for errors.
+    /// Adds a directory of plugins, or one plugin's own directory. Errors name `origin`, the option or variable that named it.
     pub fn push(&mut self, directory: impl Into<PathBuf>, origin: &str) {
         let (directory, origin) = (directory.into(), origin.to_owned());
         self.places.push(Place { directory, origin, must_exist: true, gives_way: false });
@@ -61,11 +61,6 @@ impl SearchPath {
     pub fn fall_back_on(&mut self, directory: impl Into<PathBuf>) {
         let (directory, origin) = (directory.into(), "the program".to_owned());
         self.places.push(Place { directory, origin, must_exist: true, gives_way: true });
-    }
-
-    /// Lists the directories in order.
-    pub fn directories(&self) -> impl Iterator<Item = &Path> {
-        self.places.iter().map(|place| place.directory.as_path())
     }
 
     fn add_workspace(&mut self, current: &Path) {
@@ -81,19 +76,19 @@ impl SearchPath {
     }
 }
 
-/// A hand that was found, sound or not.
+/// A hand that was found, valid or broken.
 #[derive(Debug)]
 pub struct RegistryEntry {
-    /// The manifest's name; the directory's where the manifest cannot be read.
+    /// Name in the manifest; name of the directory if the manifest cannot be read.
     pub name: String,
     /// The hand's directory.
     pub directory: PathBuf,
-    /// The hand, or what is wrong with it.
+    /// The hand, or its error.
     pub hand: Result<Hand, HandError>,
 }
 
 impl RegistryEntry {
-    /// Summarises the hand; none where it is broken.
+    /// Summarises the hand; none if it is broken.
     pub fn summary(&self) -> Option<HandSummary> {
         self.hand.as_ref().ok().map(HandSummary::of)
     }
@@ -110,7 +105,7 @@ impl Registry {
     /// Looks for hands in every directory of `path`. A broken hand becomes an entry with its error.
     ///
     /// # Errors
-    /// A directory that somebody named does not exist or cannot be read.
+    /// A named directory does not exist or cannot be read.
     pub fn discover(path: &SearchPath) -> Result<Self, HandError> {
         let mut registry = Self { entries: Vec::new(), searched: Vec::new() };
         let mut seen = Vec::new();
@@ -148,12 +143,12 @@ impl Registry {
         &self.entries
     }
 
-    /// Returns the hand of this name, or the one in this directory where `name` is a path.
+    /// Returns the hand of this name, or the hand in this directory if `name` is a path.
     ///
     /// # Errors
     /// No such hand, several of that name, or a broken one.
     pub fn get(&self, name: &str) -> Result<Hand, HandError> {
-        // What is broken may only be called so, by its directory: it never hides a sound hand or two of one name.
+        // The name of a broken hand may be a guess, so it hides neither a valid hand nor two valid hands of one name.
         let unreadable = |entry: &&RegistryEntry| match &entry.hand {
             Ok(_) | Err(HandError::DuplicateHand { .. }) => false,
             Err(_) => true,
@@ -177,7 +172,7 @@ impl Registry {
         }
     }
 
-    /// Puts an error in place of every sound hand whose name another sound hand has.
+    /// Replaces every valid hand that shares its name with another valid hand by an error.
     fn mark_duplicates(&mut self) {
         let named: Vec<(String, PathBuf)> =
             self.entries.iter().filter(|e| e.hand.is_ok()).map(|e| (e.name.clone(), e.directory.clone())).collect();
@@ -200,7 +195,7 @@ fn plugin_directories(place: &Path) -> Result<Vec<PathBuf>, HandError> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(place).map_err(HandError::io(place))? {
         let path = entry.map_err(HandError::io(place))?.path();
-        // A hand is written under such a name before it has its own.
+        // A new hand is written under a hidden name and then renamed.
         let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
         if !hidden && compiled::holds_hand(&path) {
             found.push(path);
@@ -219,7 +214,7 @@ fn read_entry(directory: PathBuf) -> RegistryEntry {
     RegistryEntry { name, directory, hand }
 }
 
-/// Returns the name of a hand that is broken, as far as it can be told.
+/// Returns the name of a broken hand: from its manifest or sidecar if readable, otherwise from its directory.
 fn written_name(directory: &Path) -> String {
     let name_in = |file: &&str| {
         let table: toml::Table = toml::from_str(&std::fs::read_to_string(directory.join(file)).ok()?).ok()?;

@@ -35,7 +35,7 @@ pub(crate) fn frames(manifest: &HandManifest, contents: &Contents, file: &Path) 
     Ok(tips)
 }
 
-/// Resolves the joints of the posture, the slide among them.
+/// Resolves the joints of the posture, including the slide.
 pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<HandJoint>, HandError> {
     let slide = &manifest.slide;
     let taken = contents.joints.iter().map(|j| &j.name).chain(contents.actuators.iter().map(|a| &a.name));
@@ -43,7 +43,7 @@ pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path)
         return Err(HandError::invalid(
             file,
             "slide.name",
-            "a name that is unlike every joint and actuator of the model",
+            "a name that no joint or actuator of the model has",
             format!("\"{}\"", slide.name),
         ));
     }
@@ -56,7 +56,7 @@ pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path)
         body: String::new(),
     };
     let all: Vec<HandJoint> = std::iter::once(slide_joint).chain(contents.joints.iter().cloned()).collect();
-    let names = manifest.posture_joints_or(contents.joints.iter().map(|j| j.name.as_str()));
+    let Some(names) = &manifest.posture_joints else { return Ok(all) };
     let find = |(i, name): (usize, &String)| {
         all.iter().find(|joint| joint.name == *name).cloned().ok_or_else(|| {
             let known = all.iter().map(|j| j.name.as_str());
@@ -72,7 +72,7 @@ pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path)
     names.iter().enumerate().map(find).collect()
 }
 
-/// Checks that what closes the hand are actuators of the model.
+/// Checks that `closing` names actuators of the model.
 pub(crate) fn check_closing(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<(), HandError> {
     for name in manifest.closing.keys() {
         if !contents.actuators.iter().any(|actuator| actuator.name == *name) {
@@ -89,7 +89,7 @@ pub(crate) fn check_closing(manifest: &HandManifest, contents: &Contents, file: 
     Ok(())
 }
 
-/// Checks that the open posture names joints and keeps to their ranges.
+/// Checks that `open_posture` names joints and that every value is in its joint's range.
 pub(crate) fn check_open_posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<(), HandError> {
     for (name, &value) in &manifest.open_posture {
         let key = format!("open_posture.{name}");

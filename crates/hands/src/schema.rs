@@ -1,4 +1,4 @@
-//! The keys of `hand.toml`: one table that checks a manifest, explains its errors and is held against the docs.
+//! The keys of `hand.toml`: one table to check a manifest, explain its errors and test the documentation.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -12,9 +12,9 @@ use crate::error::{HandError, nearest};
 pub struct KeyInfo {
     /// The key, with its table before a dot.
     pub key: &'static str,
-    /// True where a manifest must have it.
+    /// True if a manifest must have it.
     pub required: bool,
-    /// What its value should be, for messages.
+    /// The expected value, for messages.
     pub expected: &'static str,
     kind: Kind,
 }
@@ -27,9 +27,9 @@ enum Kind {
     Number,
     Numbers(usize),
     Table,
-    /// A table whose keys are names out of the model, with numbers for values.
+    /// A table from names in the model to numbers.
     NumberMap,
-    /// A table whose keys are names, with text for values.
+    /// A table from names to text.
     TextMap,
     /// A list of tables.
     Tables,
@@ -93,7 +93,7 @@ pub(crate) fn expected(key: &str) -> &'static str {
     KEYS.iter().find(|info| info.key == key).map_or("another value", |info| info.expected)
 }
 
-/// Checks the keys and the types of their values, and returns the keys that are written.
+/// Checks the keys and the types of their values, and returns the written keys.
 pub(crate) fn check(table: &Table, file: &Path) -> Result<BTreeSet<String>, HandError> {
     let mut written = BTreeSet::new();
     check_table(table, "", file, &mut written)?;

@@ -28,7 +28,7 @@ pub(crate) fn read(tag: &str, attributes: &Attributes) -> Result<Option<Servo>, 
     Ok((servo.gain != 0.0 && servo.stiffness != 0.0).then_some(servo))
 }
 
-/// Computes the commands that reach all of a limited joint's range.
+/// Computes the range of commands that covers the whole range of a limited joint.
 pub(crate) fn reach(
     joints: &[HandJoint],
     transmission: &Transmission,

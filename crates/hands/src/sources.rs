@@ -76,7 +76,7 @@ pub(crate) fn expand(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Re
     Ok(root)
 }
 
-/// Reads a file that an element of the model names.
+/// Reads a file named by an element of the model.
 pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Vec<u8>, HandError> {
     if !path.is_file() {
         let name = asset.attributes.get("name").map_or(String::new(), |name| format!(" {name}"));
@@ -148,7 +148,7 @@ fn add_asset(
 /// Files read so far, by canonical path.
 struct Files<'a> {
     directory: PathBuf,
-    /// The directory that holds them all; none where they may lie anywhere.
+    /// The directory that must hold all files; none if they may lie anywhere.
     canonical: Option<PathBuf>,
     contents: BTreeMap<PathBuf, Vec<u8>>,
     notes: &'a mut Vec<String>,
@@ -164,7 +164,7 @@ impl<'a> Files<'a> {
         Self { directory: PathBuf::new(), canonical: None, contents: BTreeMap::new(), notes }
     }
 
-    /// Returns a canonical path as files are kept, if it is allowed.
+    /// Returns the key of a canonical path, if the path is allowed.
     fn relative(&self, canonical: PathBuf) -> Option<PathBuf> {
         match &self.canonical {
             Some(directory) => canonical.strip_prefix(directory).map(Path::to_path_buf).ok(),
@@ -208,7 +208,7 @@ impl<'a> Files<'a> {
         })
     }
 
-    /// Reads a file of XML as [`Self::add`] does, with a note where it is not UTF-8.
+    /// Reads a file of XML as [`Self::add`] does, with a note if it is not UTF-8.
     fn text(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<String, HandError> {
         let bytes = self.add(referrer, key, path)?.to_vec();
         Ok(self.decode(path, &bytes))
@@ -233,7 +233,7 @@ pub(crate) fn digest(files: &BTreeMap<PathBuf, Vec<u8>>) -> String {
     let mut hash = Sha256::new();
     for (path, bytes) in files {
         let name = path.to_string_lossy();
-        // Lengths keep a byte from moving between a name, its file and the next one unnoticed.
+        // Without the lengths, bytes could move between a name, its file and the next name without changing the digest.
         hash.update((name.len() as u64).to_le_bytes());
         hash.update(name.as_bytes());
         hash.update((bytes.len() as u64).to_le_bytes());

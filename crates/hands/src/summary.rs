@@ -1,4 +1,4 @@
-//! What `hands list` and `hands show` print about a hand.
+//! The summary of a hand that `hands list` and `hands show` print.
 
 use std::path::PathBuf;
 
@@ -30,7 +30,7 @@ pub struct HandSummary {
     pub licence: String,
     /// The hand's directory.
     pub directory: PathBuf,
-    /// Every value of the manifest, and who set it.
+    /// Every value of the manifest, and its origin.
     pub values: Vec<SummaryValue>,
     /// Joints of the posture in order.
     pub posture: Vec<HandJoint>,
@@ -38,30 +38,30 @@ pub struct HandSummary {
     pub actuators: Vec<HandActuator>,
     /// Joints that follow another joint.
     pub couplings: Vec<HandCoupling>,
-    /// What was changed or assumed while the model was read.
+    /// Changes and assumptions made while reading the model.
     pub notes: Vec<String>,
 }
 
-/// Who set a value.
+/// Origin of a value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ValueOrigin {
     /// The manifest holds it.
     Written,
-    /// It is the same for every hand whose manifest does not hold it.
+    /// The manifest does not hold it; it is the general default.
     Default,
-    /// It was worked out from the model.
+    /// It was computed from the model.
     Computed,
 }
 
-/// One value and who set it.
+/// One value and its origin.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SummaryValue {
     /// Key as in `hand.toml`, or the element of the model.
     pub key: String,
-    /// The value in force.
+    /// The value.
     pub value: Value,
-    /// Who set it.
+    /// Its origin.
     pub origin: ValueOrigin,
 }
 

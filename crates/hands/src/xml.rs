@@ -33,7 +33,7 @@ pub fn append(parent: &mut Element, child: Element) {
     parent.children.push(XMLNode::Element(child));
 }
 
-/// Appends a section with these elements, or nothing where there are none. MJCF allows a section to be repeated.
+/// Appends a section with these elements; without elements it appends nothing. MJCF allows a section to be repeated.
 pub fn append_section(parent: &mut Element, name: &str, children: impl IntoIterator<Item = Element>) {
     let mut section = Element::new(name);
     section.children = children.into_iter().map(XMLNode::Element).collect();
@@ -47,17 +47,17 @@ pub fn elements(parent: &Element) -> impl Iterator<Item = &Element> {
     parent.children.iter().filter_map(XMLNode::as_element)
 }
 
-/// Lists the child elements for changing.
+/// Lists the child elements mutably.
 pub fn elements_mut(parent: &mut Element) -> impl Iterator<Item = &mut Element> {
     parent.children.iter_mut().filter_map(XMLNode::as_mut_element)
 }
 
-/// Keeps the child elements that `keep` wants, and nothing that is no element.
+/// Keeps the child elements for which `keep` is true; text and comments go.
 pub fn retain_elements(parent: &mut Element, mut keep: impl FnMut(&Element) -> bool) {
     parent.children.retain(|node| node.as_element().is_some_and(&mut keep));
 }
 
-/// Writes numbers as MJCF wants them: separated by blanks, and exactly.
+/// Writes numbers exactly, separated by blanks, as in MJCF.
 pub fn numbers(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(" ")
 }
@@ -66,14 +66,14 @@ pub fn numbers(values: &[f64]) -> String {
 pub fn print(root: &Element) -> String {
     let mut text = Vec::new();
     let config = EmitterConfig::new().perform_indent(true).write_document_declaration(false);
-    // A document in memory can be written; were it not so, the empty text would be refused by whoever reads it.
+    // Writing to memory does not fail; if it did, the reader of the empty text would report it.
     match root.write_with_config(&mut text, config) {
         Ok(()) => String::from_utf8_lossy(&text).into_owned(),
         Err(_) => String::new(),
     }
 }
 
-/// Returns a file's text without a byte-order mark. Tells whether it was not UTF-8 and so was read as Latin-1.
+/// Returns a file's text without a byte-order mark, and true if it was not UTF-8 and was read as Latin-1.
 pub(crate) fn decode(bytes: &[u8]) -> (String, bool) {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     match std::str::from_utf8(bytes) {
@@ -82,11 +82,11 @@ pub(crate) fn decode(bytes: &[u8]) -> (String, bool) {
     }
 }
 
-/// Removes the XML declaration and what stands before it, keeping the line numbers of the rest. Tells whether a
-/// comment stood there.
+/// Removes the XML declaration and everything before it; line numbers of the rest stay. Returns the text, and true if a
+/// comment was removed.
 ///
-/// Makers put licences before the declaration, which XML does not allow; and the text is UTF-8 by now, whatever it
-/// declares.
+/// Some makers put a licence before the declaration, which XML forbids. The declared encoding no longer matters, because
+/// the text is UTF-8 by now.
 pub(crate) fn without_declaration(text: &str) -> (String, bool) {
     let mut at = 0;
     let mut comment = false;
@@ -113,7 +113,7 @@ pub(crate) fn without_declaration(text: &str) -> (String, bool) {
 
 /// Parses XML of bounded depth; `file` is named in errors.
 pub(crate) fn parse(text: &str, file: &Path) -> Result<Element, HandError> {
-    // Readers of XML put the whole of a long reason on several lines.
+    // The XML reader breaks long reasons into several lines.
     let xml_error = |message: String| HandError::Xml {
         file: file.to_path_buf(),
         message: message.split_whitespace().collect::<Vec<_>>().join(" "),
@@ -130,7 +130,7 @@ pub(crate) fn parse(text: &str, file: &Path) -> Result<Element, HandError> {
         .ok_or_else(|| xml_error("no root element".to_owned()))
 }
 
-/// Finds a document's first element, whatever stands before it: where its name begins, and the name.
+/// Finds the first element of a document, after any comments and declarations: the position of its name, and the name.
 pub(crate) fn first_tag(text: &str) -> Option<(usize, &str)> {
     let mut rest = text;
     loop {
@@ -147,7 +147,7 @@ pub(crate) fn first_tag(text: &str) -> Option<(usize, &str)> {
     }
 }
 
-/// Refuses text whose nesting would exhaust the stack of the recursive parser.
+/// Refuses nesting so deep that it would exhaust the stack of the recursive parser.
 fn check_depth(text: &str) -> Result<(), String> {
     let mut depth = 0_usize;
     let mut rest = text;
@@ -181,7 +181,7 @@ fn check_depth(text: &str) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the length of the tag that `text` begins with, a `>` inside quotes not counted.
+/// Returns the length of the tag at the start of `text`; a `>` inside quotes does not end it.
 fn tag_end(text: &str) -> Option<usize> {
     let mut quote = None;
     for (i, c) in text.char_indices() {

@@ -1,4 +1,4 @@
-//! Where the files of generated hands are kept, so that they are read as those of any hand.
+//! The cache of generated hands: their files on disk, to be read like those of any other hand.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -7,12 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::error::HandError;
 use crate::sources;
 
-/// Writes files to a directory that is named by what they hold, and returns it. Nobody has to empty the cache: a directory
-/// that is missing or damaged is written again.
+/// Writes files to a directory named after their digest, and returns it. A missing or damaged directory is written again.
 pub(super) fn store(files: &BTreeMap<PathBuf, Vec<u8>>) -> Result<PathBuf, HandError> {
     let digest = sources::digest(files);
     let mut roots = roots().into_iter();
-    // The last place is the one for temporary files, and its error is returned.
+    // The last root is the folder for temporary files; if it fails too, its error is returned.
     let last = roots.next_back().unwrap_or_default();
     roots.find_map(|root| store_in(&root, &digest, files).ok()).map_or_else(|| store_in(&last, &digest, files), Ok)
 }
@@ -38,7 +37,7 @@ fn store_in(root: &Path, digest: &str, files: &BTreeMap<PathBuf, Vec<u8>>) -> Re
         std::fs::rename(&partial, &directory).map_err(HandError::io(&directory))
     });
     if written.is_err() {
-        // What is left of a failure is in nobody's way, so that the failure is what is told.
+        // The error to report is that of writing, not of this clean-up.
         _ = std::fs::remove_dir_all(&partial);
     }
     // Another process may have written the same hand first.

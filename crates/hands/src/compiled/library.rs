@@ -29,26 +29,26 @@ static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 /// Name and content of a file, as the plugin gave them.
 type RawFile = (Vec<u8>, Vec<u8>);
 
-/// Opens `library`, an absolute path, and copies out what it generates from `options`.
+/// Opens `library`, an absolute path, and copies the files that it generates from `options`.
 pub(super) fn generate(library: &Path, options: &str) -> Result<Vec<RawFile>, HandError> {
     let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let functions = Functions::of(open(library)?, library)?;
     let mut hand: *mut Generated = std::ptr::null_mut();
-    // SAFETY: the function is of a table whose version was checked; the options live through the call.
+    // SAFETY: the version of the function's table was checked, and the options outlive the call.
     let status = unsafe { (functions.generate)(options.as_ptr(), options.len(), &raw mut hand) };
     let copied = if status == STATUS_OK { functions.files(hand) } else { Err(functions.refusal(hand, status)) };
     if !hand.is_null() {
-        // SAFETY: the plugin gave this pointer to be freed once, and everything of it was copied.
+        // SAFETY: the pointer comes from `generate`, is freed once, and everything behind it was copied.
         unsafe { (functions.free)(hand) };
     }
     copied
 }
 
-/// Returns the table of a library, which stays open until the process ends: threads and destructors of a plugin may
-/// outlive the calls.
+/// Returns the table of a library. The library stays open until the process ends, because threads and destructors of a
+/// plugin may outlive the calls.
 fn open(library: &Path) -> Result<HandPlugin, HandError> {
     let refused = |message: String| HandError::DamagedLibrary { file: library.to_path_buf(), message };
-    // SAFETY: this runs the initialisers of a library that lies in a plugin directory which the user named.
+    // SAFETY: this runs the initialisers of the library; the user named its directory as one of plugins.
     let opened = unsafe { open_now(library.as_os_str()) }.map_err(|error| refused(reason(&error)))?;
     let opened = std::mem::ManuallyDrop::new(opened);
     // SAFETY: the symbol is only an address here.
@@ -57,10 +57,10 @@ fn open(library: &Path) -> Result<HandPlugin, HandError> {
         .ok()
         .filter(|address| !address.is_null())
         .ok_or_else(|| HandError::plugin(library, "the library", &format!("a symbol `{SYMBOL}`"), "none"))?;
-    // SAFETY: the linker put an object of the plugin there, of which only the part that no version changes is read.
+    // SAFETY: the symbol is an object of the plugin; only the fields that are equal in every version are read.
     let header = unsafe { address.cast::<Header>().read_unaligned() };
     check_header(header, library)?;
-    // SAFETY: the plugin says that it has a table of this version and at least this size.
+    // SAFETY: the header says that the table has this version and at least this size.
     Ok(unsafe { address.read_unaligned() })
 }
 
@@ -84,7 +84,7 @@ fn check_header(header: Header, library: &Path) -> Result<(), HandError> {
     Ok(())
 }
 
-/// Returns what the loader said; the library's error has it as its source.
+/// Returns the loader's reason, which is the source of the error.
 fn reason(error: &libloading::Error) -> String {
     std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string)
 }
@@ -95,7 +95,7 @@ type GetFile = unsafe extern "C" fn(*const Generated, usize, *mut Bytes, *mut By
 type ErrorMessage = unsafe extern "C" fn(*const Generated, *mut Bytes) -> Status;
 type Free = unsafe extern "C" fn(*mut Generated);
 
-/// The functions of a table, none of them null.
+/// The functions of a table; none is null.
 struct Functions<'a> {
     library: &'a Path,
     generate: Generate,
@@ -118,7 +118,7 @@ impl<'a> Functions<'a> {
         })
     }
 
-    /// Copies the files of a hand that `generate` made.
+    /// Copies the files of a hand from `generate`.
     fn files(&self, hand: *const Generated) -> Result<Vec<RawFile>, HandError> {
         if hand.is_null() {
             return Err(self.wrong("generate", "a hand", "null"));
@@ -144,7 +144,7 @@ impl<'a> Functions<'a> {
         Ok(files)
     }
 
-    /// Returns the reason that the plugin gives for a `generate` that failed.
+    /// Returns the plugin's reason for a failure of `generate`.
     fn refusal(&self, hand: *const Generated, status: Status) -> HandError {
         let message = self.message(hand).filter(|message| !message.is_empty());
         HandError::PluginRefused {
@@ -168,7 +168,7 @@ impl<'a> Functions<'a> {
         if status == STATUS_OK { Ok(()) } else { Err(self.wrong(call, "status 0", format!("status {status}"))) }
     }
 
-    /// Copies bytes out, of which there are `limit` at most.
+    /// Copies at most `limit` bytes.
     fn copy(&self, call: &str, what: &str, bytes: Bytes, limit: usize) -> Result<Vec<u8>, HandError> {
         match bytes {
             Bytes { len: 0, .. } => Ok(Vec::new()),

@@ -1,4 +1,4 @@
-//! Where the library of a compiled plugin is.
+//! Finds the library of a compiled plugin.
 
 use std::env::consts::{DLL_PREFIX, DLL_SUFFIX};
 use std::path::{Path, PathBuf};
@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use super::sidecar::{SIDECAR_FILE, Sidecar};
 use crate::error::HandError;
 
-/// Folder in which cargo leaves libraries of a build for tests, newer than those beside it.
+/// Folder of cargo's builds for tests; its libraries are newer than those beside it.
 const DEPS: &str = "deps";
 const LOCK_FILE: &str = "Cargo.lock";
 
-/// Finds the library that `sidecar` names, as an absolute path: a name alone would be looked for in the system's folders.
+/// Finds the library that `sidecar` names, and returns its absolute path: the system's loader would search its own folders
+/// for a plain name.
 ///
-/// A path is looked for in the plugin's directory. A plain name is looked for there, then beside the running program, then
-/// where cargo puts what it builds from the plugin's sources.
+/// A path is relative to the plugin's directory. A plain name is searched there, then beside the running program, then in
+/// cargo's build folders of the plugin's workspace.
 pub(super) fn find(directory: &Path, sidecar: &Sidecar) -> Result<PathBuf, HandError> {
     let written = Path::new(&sidecar.library);
     let name = written.file_name().unwrap_or_default().to_string_lossy();
@@ -41,13 +42,13 @@ pub(super) fn find(directory: &Path, sidecar: &Sidecar) -> Result<PathBuf, HandE
     }
 }
 
-/// The folders of a build: that of a program, or of a test below it.
+/// Lists the folders of a build, given the folder of a program or of a test.
 fn build_folders(program: &Path) -> Vec<PathBuf> {
     let root = if program.ends_with(DEPS) { program.parent().unwrap_or(program) } else { program };
     vec![root.join(DEPS), root.to_path_buf()]
 }
 
-/// The folders in which cargo builds the workspace that holds `directory`.
+/// Lists cargo's build folders of the workspace around `directory`.
 fn target_folders(directory: &Path) -> Vec<PathBuf> {
     let Ok(complete) = directory.canonicalize() else { return Vec::new() };
     let Some(workspace) = complete.ancestors().find(|folder| folder.join(LOCK_FILE).is_file()) else {

@@ -1,4 +1,4 @@
-//! `hand-plugin.toml`: what is known of a compiled plugin before its library is opened.
+//! `hand-plugin.toml`: the description of a compiled plugin, read before its library is opened.
 
 use std::path::{Component, Path};
 
@@ -10,7 +10,7 @@ use crate::error::{HandError, nearest};
 /// File name of the sidecar in a compiled plugin's directory.
 pub const SIDECAR_FILE: &str = "hand-plugin.toml";
 
-/// Every key of the sidecar with what its value should be, in the order of the documentation.
+/// Every key of the sidecar with its expected value, in the order of the documentation.
 pub const SIDECAR_KEYS: [(&str, &str); 6] = [
     ("schema", "the integer 1"),
     ("name", "the name of the hand that the library generates, in quotes"),
@@ -33,12 +33,12 @@ pub(super) struct Sidecar {
     pub(super) library: String,
     /// Command that builds the library.
     pub(super) build: Option<String>,
-    /// What the plugin is given, as TOML.
+    /// The plugin's options, as TOML.
     pub(super) options: String,
 }
 
-/// Reads the sidecar in `directory`, and returns its bytes with it. A library for another version is refused here, before
-/// it is opened.
+/// Reads the sidecar in `directory`, and returns it with its bytes. A library for another version of the interface is
+/// refused here, before it is opened.
 pub(super) fn read(directory: &Path) -> Result<(Sidecar, Vec<u8>), HandError> {
     let file = directory.join(SIDECAR_FILE);
     let text = std::fs::read_to_string(&file).map_err(HandError::io(&file))?;
@@ -105,8 +105,8 @@ fn check_abi(table: &Table, file: &Path) -> Result<(), HandError> {
     check_version(*major, *minor, file)
 }
 
-/// Refuses a plugin of another major version. Any minor version will do: functions are only ever appended, and those of
-/// this version are asked for one by one.
+/// Refuses a plugin of another major version. Any minor version is accepted: later versions only append functions, and
+/// each function is checked for null.
 pub(super) fn check_version(major: u32, minor: u32, file: &Path) -> Result<(), HandError> {
     if major == ABI_MAJOR {
         return Ok(());

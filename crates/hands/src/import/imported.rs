@@ -1,27 +1,27 @@
-//! A model as an importer hands it on.
+//! The result of an import.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use xmltree::Element;
 
-/// What the reader of a file has to be told.
+/// Settings of an import.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
     /// Directories of ROS packages by name, for `package://name/...`.
     pub packages: BTreeMap<String, PathBuf>,
 }
 
-/// Files by the names that a model uses.
+/// Contents of files, each with the name that the model uses.
 pub type Assets = Vec<(String, Vec<u8>)>;
 
-/// A model that was read, mended and, where it was URDF, converted.
+/// A model after import: mended MJCF, or converted URDF.
 #[derive(Debug)]
 pub struct Imported {
-    /// Root `<mujoco>` element; files are named as in `assets`, without directories.
+    /// Root `<mujoco>` element; it names files as `assets` does, without directories.
     pub model: Element,
-    /// The files that the model names, by the names it uses.
+    /// The model's files.
     pub assets: Assets,
-    /// Largest effort that the file states for a joint (N m or N), by joint.
+    /// Effort limit in the file (N m or N), by joint.
     pub efforts: BTreeMap<String, f64>,
 }

@@ -1,4 +1,4 @@
-//! MJCF as its makers publish it, mended until it is a hand that MuJoCo 2.2.2 loads and nothing else.
+//! Mends MJCF as makers publish it: MuJoCo 2.2.2 loads the result, and it holds the hand alone.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -21,7 +21,7 @@ mod world;
 pub(super) use references::drop_dangling;
 pub(super) use world::keep_body;
 
-/// Sections of a file that say nothing about the hand's body; unknown things in them are left out with them.
+/// Sections that do not describe the hand's body; they are removed with everything in them.
 const LEFT_OUT: [&str; 8] = ["option", "size", "visual", "statistic", "custom", "sensor", "keyframe", "deformable"];
 
 /// Reads the MJCF that `file` holds as `bytes`.
@@ -50,7 +50,7 @@ pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Resu
     Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
 }
 
-/// Settings of the compiler that would change the scene around the hand.
+/// Mends compiler settings, which would also apply to the scene around the hand.
 fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     if in_radians_unsaid(root, file)? {
         append(root, element("compiler", &[("angle", "radian".to_owned())]));
@@ -80,8 +80,8 @@ fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<
     Ok(())
 }
 
-/// Tells whether angles must be radians although nothing says so, as in a file that others include: no hinge has a range
-/// beyond a turn of so many radians, which would be a few degrees.
+/// Returns true if the file names no unit of angles but means radians, as a file that others include may: no hinge range is
+/// beyond one turn in radians, and in degrees such ranges would be far too small.
 fn in_radians_unsaid(root: &mut Element, file: &Path) -> Result<bool, HandError> {
     if elements_mut(root).any(|e| e.name == "compiler" && attribute(e, "angle").is_some()) {
         return Ok(false);

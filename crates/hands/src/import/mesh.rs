@@ -1,4 +1,4 @@
-//! Triangles from STL, OBJ and COLLADA files, and STL that MuJoCo 2.2.2 takes.
+//! Reads triangles from STL, OBJ and COLLADA files, and writes STL for MuJoCo 2.2.2.
 
 mod collada;
 mod obj;
@@ -8,10 +8,10 @@ mod triangles;
 pub(super) use triangles::Mesh;
 
 impl Mesh {
-    /// Reads a file of the kind that `extension` names.
+    /// Reads a file; its `extension` names the format.
     ///
     /// # Errors
-    /// In words that follow "expected ..., got".
+    /// The fault, phrased to follow "expected ..., got".
     pub(super) fn read(bytes: &[u8], extension: &str) -> Result<Self, String> {
         let mesh = match extension.to_lowercase().as_str() {
             "stl" => stl::read(bytes)?,

@@ -13,31 +13,31 @@ use crate::parts::{JointKind, Transmission};
 use crate::servo;
 use crate::xml::{append, element, elements_mut, numbers, set};
 
-/// Torque limit of a hinge (N m) and force limit of a slide (N) where the file states none that a finger can have.
+/// Torque limit of a hinge (N m) and force limit of a slide (N) if the file states none that is plausible for a finger.
 const TORQUE: f64 = 1.0;
 const FORCE: f64 = 20.0;
-/// Efforts outside these (N m, N) are placeholders, or the motors of an arm.
+/// Plausible efforts of a finger (N m, N); others are placeholders or belong to an arm.
 const TORQUES: [f64; 2] = [0.05, 5.0];
 const FORCES: [f64; 2] = [1.0, 200.0];
-/// A servo reaches its limit at this error (rad, m).
+/// Position error at which a servo reaches its force limit (rad, m).
 const HINGE_ERROR: f64 = 0.3;
 const SLIDE_ERROR: f64 = 0.01;
 /// Time constant (s) of a servo against its joint's damping, long against the simulation's step.
 const TIME_CONSTANT: f64 = 0.06;
-/// Damping of a hinge (N m s) and of a slide (N s/m) that no servo drives.
+/// Damping of a hinge (N m s) and of a slide (N s/m) without a servo.
 const FREE_HINGE_DAMPING: f64 = 0.02;
 const FREE_SLIDE_DAMPING: f64 = 5.0;
 /// Rotor inertia (kg m2) or mass (kg) for each N m/rad or N/m of stiffness, in s2: the servo's frequency, 5 Hz, stays far
 /// below the step's.
 const ARMATURE: f64 = 1e-3;
-/// Armature of a hinge (kg m2) and of a slide (kg) where the stiffness would ask for less.
+/// Least armature of a hinge (kg m2) and of a slide (kg).
 const LEAST_ARMATURES: [f64; 2] = [1e-3, 0.02];
-/// Range (rad, m) that a servo covers on a joint without limits.
+/// Half of the range of a servo on a joint without limits (rad, m).
 const TURN: f64 = std::f64::consts::PI;
 const TRAVEL: f64 = 0.1;
 
-/// Adds servos where the model has no actuator, damping and armature where these or a model without any need them, and
-/// control ranges where its actuators have none.
+/// Completes a model: servos if it has no actuator, control ranges for actuators without one, and damping and armature if
+/// servos were added or no joint has damping.
 pub(super) fn complete(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     if Joints::read(&imported.model, file)?.0.is_empty() {
         return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));
@@ -78,7 +78,7 @@ fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<
             assumed += 1
         }
         let (low, high) = joint.range.unwrap_or((-half, half));
-        // Against much damping a soft servo would not arrive within an episode.
+        // With much damping, a soft servo would not reach its command within an episode.
         let kp = (force / error).max(damping.get(&joint.name).copied().unwrap_or(0.0) / TIME_CONSTANT);
         let attributes = [
             ("name", joint.name.clone()),
@@ -114,7 +114,7 @@ fn damping(root: &mut Element, file: &Path) -> Result<BTreeMap<String, f64>, Han
     Ok(found)
 }
 
-/// Gives joints the damping and armature with which their servos are stable.
+/// Raises damping and armature of the joints until their servos are stable.
 fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let defaults = Defaults::read(root, file)?;
     let mut stiffness = BTreeMap::new();
@@ -158,7 +158,7 @@ fn steady(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<()
     Ok(())
 }
 
-/// Gives a control range to actuators that have none: that which reaches all of the joint, or else a guess.
+/// Gives actuators without a control range one: the range that covers the whole joint, or a guess.
 fn control_ranges(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let defaults = Defaults::read(root, file)?;
     let joints = Joints::read(root, file)?.0;

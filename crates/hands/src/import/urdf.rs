@@ -1,4 +1,4 @@
-//! URDF to MJCF: every link becomes a body, every joint that moves a joint, and nothing is fused.
+//! Converts URDF to MJCF: every link becomes a body, every movable joint a joint, and no links are fused.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -16,7 +16,7 @@ mod source;
 mod tree;
 mod write;
 
-/// Converts the URDF that `file` holds as `bytes`, whose meshes all have to lie in `within` where that is given.
+/// Converts the URDF that `file` holds as `bytes`. If `within` is given, all meshes must lie in it.
 pub(super) fn convert(
     file: &Path,
     bytes: &[u8],

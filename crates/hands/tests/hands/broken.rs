@@ -170,7 +170,7 @@ fn names_that_clash() {
     );
     assert_eq!(
         manifest_message("[mount]", "[slide]\nname = \"left_drive\"\n[mount]"),
-        "DIR/hand.toml: key `slide.name`: expected a name that is unlike every joint and actuator of the model, got \"left_drive\""
+        "DIR/hand.toml: key `slide.name`: expected a name that no joint or actuator of the model has, got \"left_drive\""
     );
 }
 

@@ -11,7 +11,7 @@ use crate::mjcf::{Compiler, Defaults};
 use crate::sources;
 use crate::xml::{attribute, elements_mut, retain_elements, set};
 
-/// Reads the meshes, gives every file a name of its own, and writes what its class gives an asset onto the asset.
+/// Reads the meshes, gives every file a distinct name, and copies the defaults of an asset's class to the asset.
 pub(super) fn assets(
     root: &mut Element,
     defaults: &Defaults,
@@ -61,7 +61,7 @@ pub(super) fn assets(
     Ok(kept)
 }
 
-/// Returns a plain file name like the written one that no kept file has, whatever the case of its letters.
+/// Returns a plain file name, similar to the written one, that differs from all kept names even without regard to case.
 fn free_name(written: &str, kept: &[(String, Vec<u8>)]) -> String {
     let path = Path::new(written);
     let plain = |c: char| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.') { c } else { '_' };

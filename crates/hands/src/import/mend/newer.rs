@@ -1,4 +1,4 @@
-//! What a file says that MuJoCo 2.2.2 does not know: mended where the meaning can be kept, refused where it cannot.
+//! Elements and attributes that MuJoCo 2.2.2 does not know: removed, or refused if the hand would change without them.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -57,10 +57,10 @@ fn plain(name: &str) -> &str {
     }
 }
 
-/// Leaves out what MuJoCo 2.2.2 does not know, with notes.
+/// Removes elements and attributes that MuJoCo 2.2.2 does not know, with notes.
 ///
 /// # Errors
-/// Names an element without which the hand would be another hand.
+/// Names an element without which the hand would be a different hand.
 pub(super) fn mend(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let schema = Schema::read();
     let mut found = BTreeSet::new();
@@ -106,7 +106,7 @@ fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSe
     Ok(())
 }
 
-/// Tells whether an attribute is kept for [`super`] to express in another way.
+/// Returns true if a later step of [`super`] converts the attribute.
 fn is_converted(element: &Element, key: &str) -> bool {
     matches!((element.name.as_str(), key), ("position", "kv" | "dampratio") | ("connect", "site1" | "site2"))
 }

@@ -10,10 +10,10 @@ use crate::mjcf::{Attributes, Defaults, each_in_world};
 use crate::notes::note;
 use crate::xml::{attribute, elements, elements_mut, set};
 
-/// Rotor inertia (kg m2) that stands in for a joint's inertia where a damping ratio has to become a damping.
+/// Rotor inertia (kg m2) assumed for a joint when a damping ratio is converted to a damping.
 const NOMINAL_INERTIA: f64 = 1e-3;
 
-/// Says on each geom that the compiler's group range leaves without mass that it has none: the range would reach the object.
+/// Replaces the compiler's `inertiagrouprange` by mass 0 on the geoms outside it: the range would also apply to the object.
 pub(super) fn inertia_groups(
     root: &mut Element,
     defaults: &Defaults,
@@ -40,7 +40,7 @@ pub(super) fn inertia_groups(
     })
 }
 
-/// Makes the geoms that collide with anything meet the object and the plane, whose `contype` and `conaffinity` are 1.
+/// Lets every colliding geom touch the object and the plane, whose `contype` and `conaffinity` are 1.
 pub(super) fn contact_bits(
     root: &mut Element,
     defaults: &Defaults,
@@ -81,7 +81,7 @@ pub(super) fn contact_bits(
     Ok(())
 }
 
-/// Turns a servo's `kv` and `dampratio` into damping of its joint or tendon, which MuJoCo integrates implicitly.
+/// Converts a servo's `kv` and `dampratio` to damping of its joint or tendon; MuJoCo integrates that implicitly.
 pub(super) fn damping(
     root: &mut Element,
     defaults: &Defaults,
@@ -93,7 +93,7 @@ pub(super) fn damping(
     for section in elements(root).filter(|e| e.name == "actuator") {
         for actuator in elements(section).filter(|e| e.name == "position") {
             let resolved = defaults.resolve(actuator, None, file)?;
-            // What the servo's force and speed are at the joint.
+            // Force and speed of the servo, seen from the joint, are scaled by the gear.
             let geared = resolved.number("gear")?.unwrap_or(1.0).powi(2);
             let stiffness = geared * resolved.number("kp")?.unwrap_or(1.0);
             let ratio = resolved.number("dampratio")?.map(|ratio| 2.0 * ratio * (stiffness * NOMINAL_INERTIA).sqrt());

@@ -10,7 +10,7 @@ use crate::xml::{attribute, elements, elements_mut, retain_elements, set};
 
 /// Sections in which an element names others.
 const REFERRING: [&str; 4] = ["contact", "equality", "tendon", "actuator"];
-/// Attributes that name bodies, geoms, sites and joints, with the kind of what they name.
+/// Attributes that name bodies, geoms, sites and joints, with the kind of the named part.
 const REFERENCES: [(&str, &str); 17] = [
     ("body", "body"),
     ("body1", "body"),
@@ -31,22 +31,22 @@ const REFERENCES: [(&str, &str); 17] = [
     ("jointinparent", "joint"),
 ];
 
-/// A part of the hand: what kind of element it is, and its name.
+/// A part of the hand: its kind of element, and its name.
 pub(super) type Named = (String, String);
 
-/// The parts that one element names, by itself.
+/// Lists the parts that an element itself names.
 fn references(element: &Element) -> impl Iterator<Item = Named> {
     let named = |(key, kind): &(&str, &str)| Some(((*kind).to_owned(), attribute(element, key)?.to_owned()));
     REFERENCES.iter().filter_map(named)
 }
 
-/// Collects the parts that `element` and what is in it name.
+/// Collects the parts that `element` and its descendants name.
 pub(super) fn named_by(element: &Element, found: &mut BTreeSet<Named>) {
     found.extend(references(element));
     elements(element).for_each(|child| named_by(child, found));
 }
 
-/// Leaves out what refers to parts that were left out.
+/// Removes elements that name parts which were removed.
 pub(in crate::import) fn drop_dangling(root: &mut Element, notes: &mut Vec<String>) {
     let mut known: BTreeSet<Named> = BTreeSet::new();
     let _: Result<(), ()> = each_in_world(root, &mut |element, _| {
@@ -72,7 +72,7 @@ pub(in crate::import) fn drop_dangling(root: &mut Element, notes: &mut Vec<Strin
         retain_elements(section, |e| {
             let named = ["tendon", "tendon1", "tendon2"].iter().filter_map(|key| attribute(e, key));
             let keep = refers_well(e) && named.into_iter().all(|name| tendons.contains(name));
-            // Bodies that need not touch no longer are of no interest.
+            // A removed <exclude> changes nothing, so it needs no note.
             dropped.extend((!keep && e.name != "exclude").then(|| format!("{kind} {}", described(e))));
             keep
         });
@@ -85,7 +85,7 @@ fn described(element: &Element) -> String {
     format!("<{}>{name}", element.name)
 }
 
-/// Writes connections between sites as connections between their bodies.
+/// Converts connections between sites to connections between their bodies.
 pub(super) fn connections(root: &mut Element, notes: &mut Vec<String>) {
     fn sites<'a>(parent: &'a Element, found: &mut BTreeMap<String, (&'a Element, &'a str)>) {
         for child in elements(parent) {

@@ -1,4 +1,4 @@
-//! One body in the world, and names on its parts.
+//! Makes the hand one body in the world, and names its parts.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -10,14 +10,14 @@ use crate::mjcf::{Defaults, each_in_world};
 use crate::notes::note;
 use crate::xml::{append, attribute, element, elements, elements_mut, retain_elements, set};
 
-/// Name of the body that is made where a file keeps parts of the hand in the world.
+/// Name of the body made for a file that has parts of the hand directly in the world.
 const BASE: &str = "base";
 const ACTUATOR: &str = "actuator";
 
-/// The type of a joint or geom, which a class of its own or of the bodies around it may give it.
+/// Returns the type of a joint or geom, given the `childclass` of the bodies around it.
 type TypeOf<'a> = dyn Fn(&Element, Option<&str>) -> Option<String> + 'a;
 
-/// Leaves one body in the world, the hand's root, without the floor, lights and objects that a hand's file may carry.
+/// Leaves one body in the world, the hand's root; floors, lights and objects are removed.
 pub(super) fn one_root(root: &mut Element, defaults: &Defaults, file: &Path, notes: &mut Vec<String>) {
     let mut world = Element::new("worldbody");
     root.children.retain(|node| match node {
@@ -28,7 +28,7 @@ pub(super) fn one_root(root: &mut Element, defaults: &Defaults, file: &Path, not
         _ => true,
     });
     let mut gone = Vec::new();
-    // A class that does not exist is refused later.
+    // A later step refuses a class that does not exist.
     let type_of: &TypeOf = &|part, class| defaults.resolve(part, class, file).ok()?.text("type").map(str::to_owned);
     world.children.retain_mut(|node| node.as_mut_element().is_some_and(|child| belongs(child, type_of, &mut gone)));
     leave_out_unmoved(&mut world, root, &mut gone);
@@ -45,7 +45,7 @@ pub(super) fn one_root(root: &mut Element, defaults: &Defaults, file: &Path, not
     note(notes, "removed, because they are not part of the hand", &gone);
 }
 
-/// Tells whether a child of the world is part of the hand, which is then tied to its mount.
+/// Returns true if a child of the world is part of the hand; removes its free joint, because the mount carries the hand.
 fn belongs(child: &mut Element, type_of: &TypeOf, gone: &mut Vec<String>) -> bool {
     let name = attribute(child, "name").map(|name| format!(" `{name}`")).unwrap_or_default();
     match child.name.as_str() {
@@ -76,7 +76,7 @@ fn belongs(child: &mut Element, type_of: &TypeOf, gone: &mut Vec<String>) -> boo
     }
 }
 
-/// Where actuators move some bodies of the world, those that neither they nor couplings reach are objects.
+/// Removes objects: if actuators move some bodies of the world, a body that no actuator, tendon or coupling reaches is one.
 fn leave_out_unmoved(world: &mut Element, root: &Element, gone: &mut Vec<String>) {
     fn reached(part: &Element, named: &BTreeSet<Named>) -> bool {
         attribute(part, "name").is_some_and(|name| named.contains(&(part.name.clone(), name.to_owned())))
@@ -99,9 +99,9 @@ fn leave_out_unmoved(world: &mut Element, root: &Element, gone: &mut Vec<String>
     });
 }
 
-/// Makes `name` the one body in the world, without these of its joints.
+/// Makes `name` the only body in the world, and removes these of its joints.
 pub(in crate::import) fn keep_body(root: &mut Element, name: &str, joints: &[String]) {
-    // The class that bodies around it give its parts goes with it.
+    // The body keeps the `childclass` of the bodies around it.
     fn take(parent: &mut Element, name: &str, class: Option<&str>) -> Option<Element> {
         for child in elements_mut(parent).filter(|e| e.name == "body") {
             let class = attribute(child, "childclass").or(class).map(str::to_owned);
@@ -139,13 +139,13 @@ fn is_free(element: &Element, class: Option<&str>, type_of: &TypeOf) -> bool {
     element.name == "joint" && type_of(element, class).as_deref() == Some("free")
 }
 
-/// Takes cameras and lights off the bodies.
+/// Removes cameras and lights from the bodies.
 fn strip(parent: &mut Element) {
     retain_elements(parent, |e| !matches!(e.name.as_str(), "camera" | "light"));
     elements_mut(parent).filter(|e| e.name == "body").for_each(strip);
 }
 
-/// Names joints, bodies and actuators that have no name; an actuator is called like what it moves.
+/// Names joints, bodies and actuators without a name; an actuator gets the name of its joint or tendon.
 pub(super) fn name_parts(root: &mut Element, notes: &mut Vec<String>) {
     let mut taken = BTreeSet::new();
     let mut made = Vec::new();
@@ -181,7 +181,7 @@ pub(super) fn name_parts(root: &mut Element, notes: &mut Vec<String>) {
     note(notes, "unnamed parts got a name", &made);
 }
 
-/// Collects the names of joints, bodies and actuators; in MJCF, names of one kind are told apart.
+/// Collects the kinds and names of joints, bodies and actuators; in MJCF, names are distinct within a kind.
 fn collect_names(root: &Element, names: &mut BTreeSet<(String, String)>) {
     for child in elements(root) {
         let kind = if root.name == ACTUATOR { ACTUATOR } else { child.name.as_str() };

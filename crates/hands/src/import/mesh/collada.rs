@@ -9,14 +9,14 @@ use xmltree::Element;
 use super::triangles::{Mesh, Point, push_fan};
 use crate::xml::{self, elements};
 
-/// Deepest chain of nodes and of nodes that stand for others.
+/// Deepest nesting of nodes, including instances of nodes.
 const MAX_DEPTH: usize = 50;
 
-/// Most nodes and triangles that are read; nodes that stand for others can multiply them without end.
+/// Most nodes and triangles that are read; instances of nodes can multiply them without end.
 const MAX_NODES: usize = 100_000;
 const MAX_TRIANGLES: usize = 4_000_000;
 
-/// Reads the scene of a file. The axis that points up is not turned, as robots' viewers do not turn it either.
+/// Reads the scene of a file. `up_axis` is ignored, as viewers of robots ignore it.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
     let root = xml::parse(&xml::decode(bytes).0, Path::new("COLLADA")).map_err(|e| e.to_string())?;
     if root.name != "COLLADA" {

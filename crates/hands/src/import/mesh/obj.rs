@@ -34,7 +34,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
     Ok(mesh)
 }
 
-/// Reads the place of a vertex from `7`, `7/1`, `7//3` or, counted from the last, `-1`.
+/// Reads the index of a vertex from `7`, `7/1`, `7//3` or, counted from the last vertex, `-1`.
 fn vertex(word: &str, n_vertices: usize) -> Option<usize> {
     let number: i64 = word.split('/').next()?.parse().ok()?;
     match number {

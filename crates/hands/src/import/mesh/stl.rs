@@ -6,11 +6,11 @@ const HEADER: usize = 80;
 const COUNT: usize = 4;
 const FACE: usize = 50;
 
-/// Reads triangles; the normals that the file states are not used.
+/// Reads triangles; the normals in the file are not used.
 pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
     match binary(bytes) {
         Some(mesh) => Ok(mesh),
-        // A binary file may begin with `solid` too, so its length was asked first.
+        // A binary file may also begin with `solid`, so its length is checked first.
         None if bytes.trim_ascii_start().get(..5).is_some_and(|word| word.eq_ignore_ascii_case(b"solid")) => {
             text(&String::from_utf8_lossy(bytes))
         }

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 /// Most faces that MuJoCo 2.2.2 reads from a mesh.
 const MAX_FACES: usize = 200_000;
 
-/// Part of a mesh's size below which its thickness is none: its convex hull would fail.
+/// Thickness, as a part of its size, below which a mesh counts as flat: its convex hull would fail.
 const FLAT: f64 = 1e-4;
 
 pub(super) type Point = Vector3<f64>;
@@ -16,7 +16,7 @@ pub(super) type Point = Vector3<f64>;
 #[derive(Debug, Clone, Default)]
 pub(in crate::import) struct Mesh {
     pub(in crate::import) triangles: Vec<[Point; 3]>,
-    /// What was assumed in reading, if anything.
+    /// An assumption made in reading.
     pub(in crate::import) note: Option<String>,
 }
 
@@ -44,7 +44,7 @@ impl Mesh {
         self.points().fold(start, |(low, high), p| (low.inf(p), high.sup(p)))
     }
 
-    /// Returns true where the vertices lie in one plane, so that there is no convex hull.
+    /// Returns true if the vertices lie in one plane, so that there is no convex hull.
     pub(in crate::import) fn is_flat(&self) -> bool {
         let Some(a) = self.points().next() else { return true };
         let farthest = |distance: &dyn Fn(&Point) -> f64| {
@@ -58,7 +58,7 @@ impl Mesh {
         thickness <= FLAT * size
     }
 
-    /// Merges vertices on ever coarser grids until MuJoCo takes the mesh; returns true where that was needed.
+    /// Merges vertices on ever coarser grids until MuJoCo accepts the mesh; returns true if any were merged.
     pub(in crate::import) fn simplify(&mut self) -> bool {
         let mut cells = 512.0;
         let simplified = self.triangles.len() > MAX_FACES;
@@ -88,7 +88,7 @@ impl Mesh {
     }
 }
 
-/// Appends the triangles of a polygon that has no dent.
+/// Appends the triangles of a convex polygon.
 pub(super) fn push_fan(triangles: &mut Vec<[Point; 3]>, corners: &[Point]) {
     if let [first, rest @ ..] = corners {
         triangles.extend(rest.windows(2).map(|edge| [*first, edge[0], edge[1]]));

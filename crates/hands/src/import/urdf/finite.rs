@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 
 use crate::error::HandError;
 
-/// Length or angle that no hand reaches, beyond which arithmetic would lose itself.
+/// Largest number that is accepted: no length or angle of a hand comes near it.
 pub(super) const HUGE: f64 = 1e6;
 
 /// Reads an `<origin>`; `place` names its owner in errors.
@@ -16,6 +16,7 @@ pub(super) fn pose(origin: &urdf_rs::Pose, place: &str, file: &Path) -> Result<I
     Ok(Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_euler_angles(roll, pitch, yaw)))
 }
 
+/// Checks that numbers are finite and at most [`HUGE`]; `place` names their owner in errors.
 pub(super) fn finite<const N: usize>(values: &[f64; N], place: &str, file: &Path) -> Result<[f64; N], HandError> {
     match values.iter().find(|x| x.is_nan() || x.abs() > HUGE) {
         None => Ok(*values),

@@ -1,4 +1,4 @@
-//! What of a link touches other things.
+//! Collision geometry of the links.
 
 use std::path::Path;
 
@@ -11,22 +11,22 @@ use crate::error::HandError;
 use crate::import::imported::Assets;
 use crate::notes::note;
 
-/// A geom as MJCF says it.
+/// A geom in the terms of MJCF.
 #[derive(Debug, Clone)]
 pub(super) struct Geom {
     /// Value of `type`.
     pub(super) kind: &'static str,
-    /// Half sizes as the type wants them; empty for a mesh.
+    /// Half sizes, as the type defines them; empty for a mesh.
     pub(super) size: Vec<f64>,
     /// File of a mesh.
     pub(super) mesh: Option<String>,
     /// In the link's frame.
     pub(super) pose: Isometry3<f64>,
-    /// Corners of the box that holds the geom, in its own frame.
+    /// Corners of the geom's bounding box, in its own frame.
     pub(super) bounds: (Vector3<f64>, Vector3<f64>),
 }
 
-/// Reads the geoms of all links, in the order of the file, and the meshes they need.
+/// Reads the geoms of all links, in the order of the file, and their meshes.
 pub(super) fn read(
     robot: &Robot,
     file: &Path,
@@ -71,7 +71,7 @@ fn mesh_geom(shape: Shape, at: &Isometry3<f64>) -> Geom {
     }
 }
 
-/// Returns nothing for a primitive that one of its sizes makes empty.
+/// Converts a primitive; none if one of its sizes is zero.
 fn primitive_geom(
     geometry: &Geometry,
     at: &Isometry3<f64>,

@@ -1,4 +1,4 @@
-//! Masses and inertias, mended where no body could have them.
+//! Masses and inertias of the links; impossible ones are mended.
 
 use nalgebra::{Isometry3, Matrix3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
 
@@ -7,21 +7,21 @@ use super::geometry::Geom;
 use super::source::Source;
 use crate::notes::note;
 
-/// Mass that is none (kg).
+/// Mass that counts as zero (kg).
 const NO_MASS: f64 = 1e-9;
 /// Smallest principal moment that is kept (kg m2): MuJoCo refuses less than 1e-15.
 const MIN_MOMENT: f64 = 1e-13;
-/// A moment that is none becomes this part of the largest one, which is that of a rod.
+/// A zero moment becomes this part of the largest one, as for a rod.
 const ROD: f64 = 1e-3;
-/// Part of the largest moment by which the two others have to reach it, against rounding.
+/// Margin of the triangle inequality against rounding, as a part of the largest moment.
 const MARGIN: f64 = 1e-6;
-/// Violation of the triangle inequality that rounding in the file explains, as a part of the largest moment.
+/// Violation of the triangle inequality that counts as rounding in the file, as a part of the largest moment.
 const ROUNDING: f64 = 1e-3;
 
-/// Density of a link of which the file tells no mass (kg/m3), in half of the box that holds it.
+/// Density assumed for a link without mass in the file (kg/m3), and the filled part of its bounding box.
 const DENSITY: f64 = 1000.0;
 const FILLED: f64 = 0.5;
-/// Bounds of such a mass (kg) and of the sides of that box (m), and the mass and radius where there is no geometry either.
+/// Bounds of such a mass (kg), least side of that box (m), and the mass and radius of a link without geometry.
 const MASSES: (f64, f64) = (0.005, 0.5);
 const MIN_SIDE: f64 = 0.002;
 const DEFAULT_MASS: f64 = 0.01;
@@ -37,8 +37,8 @@ pub(super) struct Inertial {
 
 /// Reads the inertials of all links, in the order of the file.
 ///
-/// A link without a usable one stays without, but the link that carries a rigid group gets one where the group has
-/// none: MuJoCo moves nothing that has no mass.
+/// A link without a usable inertial stays without. If a whole rigid group has none, the link that carries the group gets
+/// one, because MuJoCo requires moving bodies to have mass.
 pub(super) fn read(
     source: &Source,
     geoms: &[Vec<Geom>],
@@ -50,7 +50,7 @@ pub(super) fn read(
     let mut inertials: Vec<Option<Inertial>> = Vec::with_capacity(links.len());
     for (link, stated) in links.iter().zip(&source.has_inertial) {
         let read = if *stated { physical(&link.inertial) } else { None };
-        // A mass of nothing says on purpose that a link is a frame.
+        // A mass of zero marks a link as a mere frame.
         if *stated && read.is_none() && link.inertial.mass.value != 0.0 {
             unusable.push(link.name.as_str());
         }
@@ -74,7 +74,7 @@ pub(super) fn read(
     inertials
 }
 
-/// Returns what a body can have, and whether that is more than rounding away from what the file states.
+/// Returns a possible inertial, and true if it differs from the file by more than rounding.
 fn physical(inertial: &urdf_rs::Inertial) -> Option<(Inertial, bool)> {
     let mass = inertial.mass.value;
     let t = &inertial.inertia;
@@ -111,7 +111,7 @@ fn principal(tensor: &Matrix3<f64>) -> Option<(Vector3<f64>, UnitQuaternion<f64>
     Some((eigen.eigenvalues, UnitQuaternion::from_matrix(&axes)))
 }
 
-/// (moments, mass) => (moments that a body can have, whether they differ by more than rounding)
+/// (moments, mass) => (possible moments, whether they differ by more than rounding)
 fn possible(moments: &Vector3<f64>, mass: f64) -> (Vector3<f64>, bool) {
     let largest = moments.max();
     if largest < MIN_MOMENT {

@@ -1,4 +1,4 @@
-//! Joints of a URDF: how each moves, and which links move as one.
+//! Joints of a URDF: the motion of each, and the groups of links that move together.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use super::tree::Tree;
 use crate::error::HandError;
 use crate::notes::note;
 
-/// How a joint moves.
+/// Motion of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Motion {
     Fixed,
@@ -19,7 +19,7 @@ pub(super) enum Motion {
     Slide,
 }
 
-/// A joint as MJCF says it.
+/// A joint in the terms of MJCF.
 #[derive(Debug)]
 pub(super) struct Joint {
     pub(super) motion: Motion,
@@ -27,17 +27,17 @@ pub(super) struct Joint {
     pub(super) pose: Isometry3<f64>,
     /// Unit axis in the child's frame.
     pub(super) axis: UnitVector3<f64>,
-    /// Limits of the position; none where it has none.
+    /// Limits of the position, if any.
     pub(super) range: Option<[f64; 2]>,
-    /// Position of a joint that the file holds in place.
+    /// Position of a joint with equal limits, which is fixed there.
     pub(super) held_at: f64,
-    /// Only what the file states, where it is not zero.
+    /// Damping, friction and effort in the file; none if absent or zero.
     pub(super) damping: Option<f64>,
     pub(super) friction: Option<f64>,
     pub(super) effort: Option<f64>,
 }
 
-/// Names for the notes.
+/// Names of joints for the notes.
 #[derive(Default)]
 struct Mended<'a> {
     unlimited: Vec<&'a str>,
@@ -101,7 +101,7 @@ fn read_joint<'a>(
         if value.is_nan() {
             return Err(HandError::model(file, format!("{place} {key}"), "a number", value));
         }
-        // A limit without a bound says as little as none.
+        // An infinite limit is no limit.
         *target = (value > 0.0 && value.is_finite()).then_some(value);
     }
     if joint.joint_type == JointType::Continuous {
@@ -142,7 +142,7 @@ impl Joint {
     }
 }
 
-/// Returns, for every link, the link that carries the rigid group it belongs to: the root, or one whose joint moves.
+/// Returns, for every link, the first link of its rigid group: the root, or a link whose joint moves.
 pub(super) fn groups(tree: &Tree, joints: &[Joint]) -> Vec<usize> {
     let mut groups: Vec<usize> = (0..tree.joint.len()).collect();
     for &link in &tree.order {

@@ -1,4 +1,4 @@
-//! The mesh files that a URDF names: found, read, and made assets of the model.
+//! Finds and reads the mesh files of a URDF, and makes them assets of the model.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Path, PathBuf};
@@ -11,13 +11,13 @@ use crate::import::mesh::Mesh;
 use crate::manifest::MANIFEST_FILE;
 use crate::notes::note;
 
-/// Half of the thickness of the box that stands for a flat mesh (m).
+/// Half of the thickness of the box that replaces a flat mesh (m).
 const MIN_HALF: f64 = 0.0005;
 
-/// What a mesh becomes.
+/// The result of reading a mesh.
 #[derive(Debug, Clone)]
 pub(super) enum Shape {
-    /// An asset and the corners of the box that holds it.
+    /// An asset, and the corners of its bounding box.
     Asset { file: String, bounds: (Vector3<f64>, Vector3<f64>) },
     /// A box in the mesh's frame, for a mesh that has no volume.
     Box { centre: Vector3<f64>, half: Vector3<f64> },
@@ -27,9 +27,9 @@ pub(super) enum Shape {
 pub(super) struct Meshes<'a> {
     file: &'a Path,
     options: &'a ImportOptions,
-    /// The directory that has to hold them; none where they may lie anywhere.
+    /// The directory that must hold all meshes; none if they may lie anywhere.
     within: Option<&'a Path>,
-    /// By file and bits of the scale.
+    /// Results by file and by the bits of the scale.
     shapes: HashMap<(PathBuf, [u64; 3]), Option<Shape>>,
     assets: Assets,
     names: BTreeSet<String>,
@@ -53,7 +53,7 @@ impl<'a> Meshes<'a> {
         }
     }
 
-    /// Reads the mesh that geometry `i` of `link` names; nothing where its scale leaves nothing of it.
+    /// Reads the mesh of geometry `i` of `link`; none if its scale is zero.
     pub(super) fn shape(
         &mut self,
         name: &str,
@@ -107,7 +107,7 @@ impl<'a> Meshes<'a> {
         Some(Shape::Asset { file, bounds: (low, high) })
     }
 
-    /// Makes a file name that no other asset has, on no file system.
+    /// Makes a distinct file name for an asset, also on file systems that ignore case.
     fn name(&mut self, link: &str, i: usize) -> String {
         let safe = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
         let stem = format!("{}_{i}", link.chars().map(safe).collect::<String>());
@@ -161,7 +161,7 @@ impl<'a> Meshes<'a> {
             .ok_or_else(|| missing(format!("name the package's directory: {setting}")))
     }
 
-    /// Returns the assets and says what was changed.
+    /// Returns the assets and adds notes about changed meshes.
     pub(super) fn finish(self, notes: &mut Vec<String>) -> Assets {
         note(notes, "meshes without volume became thin boxes", &self.flat);
         note(notes, "meshes with more faces than MuJoCo reads were simplified", &self.simplified);

@@ -13,13 +13,13 @@ use crate::notes::note;
 #[derive(Debug)]
 pub(super) struct Mimic {
     pub(super) dependent: usize,
-    /// A joint that follows no other one; none where the chain ends in a fixed joint.
+    /// The joint at the end of the chain, which follows no other joint; none if it is fixed.
     pub(super) driver: Option<usize>,
     pub(super) offset: f64,
     pub(super) multiplier: f64,
 }
 
-/// Follows every `<mimic>` to a joint that moves by itself.
+/// Follows every `<mimic>` to a joint without one.
 pub(super) fn resolve(
     robot: &Robot,
     joints: &[Joint],

@@ -1,4 +1,4 @@
-//! The text of a URDF, made fit for a strict XML reader, and the robot in it.
+//! Reads the robot in the text of a URDF, which is first cleaned for a strict XML reader.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -9,21 +9,21 @@ use crate::error::HandError;
 use crate::notes::{latin_note, note};
 use crate::xml::{self, append, elements, first_tag, set};
 
-/// What a joint says that the reader of URDF would replace by a default without a word.
+/// Facts about a joint's text that the URDF reader hides, because it fills in defaults.
 #[derive(Debug, Default)]
 pub(super) struct Stated {
-    /// True where the joint has at least one of `lower` and `upper`.
+    /// True if the joint has at least one of `lower` and `upper`.
     pub(super) range: bool,
 }
 
-/// A robot and what its text says beyond it.
+/// A robot, and facts about its text.
 #[derive(Debug)]
 pub(super) struct Source {
     /// The robot as read; links and joints in the order of the file.
     pub(super) robot: urdf_rs::Robot,
     /// For every joint, in the order of `robot.joints`.
     pub(super) stated: Vec<Stated>,
-    /// For every link, in the order of `robot.links`: whether it has a complete `<inertial>`.
+    /// For every link, in the order of `robot.links`: true if it has a complete `<inertial>`.
     pub(super) has_inertial: Vec<bool>,
 }
 
@@ -32,9 +32,9 @@ struct Clean {
     robot: Element,
     stated: Vec<Stated>,
     has_inertial: Vec<bool>,
-    /// Name of the elements that give a link its shape.
+    /// Name of the elements used as collision geometry.
     shape: &'static str,
-    /// Links that are seen and do not touch.
+    /// Links with visual but no collision geometry.
     ghosts: Vec<String>,
 }
 
@@ -59,7 +59,7 @@ pub(super) fn read(file: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result
     let xml = |message: String| HandError::Xml { file: file.to_path_buf(), message };
     robot.write(&mut text).map_err(|e| xml(e.to_string()))?;
     let robot = urdf_rs::read_from_string(&String::from_utf8_lossy(&text)).map_err(|e| {
-        // Readers of XML put the whole of a long reason on several lines.
+        // The URDF reader breaks long reasons into several lines.
         let reason = e.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
         HandError::model(file, "<robot>", "a URDF", reason)
     })?;
@@ -74,11 +74,11 @@ pub(super) fn read(file: &Path, bytes: &[u8], notes: &mut Vec<String>) -> Result
     Ok(Source { robot, stated, has_inertial })
 }
 
-/// Declares the prefixes of names that the text uses without a declaration, such as `drake:`, on the root element.
+/// Declares on the root element all undeclared prefixes of names, such as `drake:`.
 fn declare_prefixes(text: &str) -> String {
     let mut undeclared = BTreeSet::new();
     for tag in text.split('<').skip(1).map(|rest| rest.split('>').next().unwrap_or(rest)) {
-        // What stands in quotes is a value.
+        // Text in quotes is a value.
         let names: String = tag.split(['"', '\'']).step_by(2).collect::<Vec<_>>().join(" ");
         for name in names.split(|c: char| c.is_whitespace() || matches!(c, '=' | '/')) {
             if let Some((prefix, _)) = name.split_once(':').filter(|(prefix, _)| *prefix != "xmlns" && *prefix != "xml")
@@ -108,7 +108,7 @@ fn xacro(file: &Path, got: String) -> HandError {
     )
 }
 
-/// Looks at the text, since a reader of XML refuses a prefix that was not declared for another reason.
+/// Looks for xacro tags in the text, before the XML reader refuses their undeclared prefix with a less helpful reason.
 fn refuse_xacro_tags(text: &str, file: &Path) -> Result<(), HandError> {
     let mut rest = text;
     while let Some(start) = rest.find('<') {
@@ -137,7 +137,7 @@ fn refuse_xacro_values(element: &Element, file: &Path) -> Result<(), HandError> 
     elements(element).try_for_each(|child| refuse_xacro_values(child, file))
 }
 
-/// Copies what is read of a URDF and no more: real files hold extensions that a strict reader stumbles over.
+/// Copies only the known parts of a URDF: real files hold extensions that a strict reader refuses.
 fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, HandError> {
     let links = || elements(root).filter(|e| e.name == "link");
     let holds = |name: &str| links().any(|link| link.get_child(name).is_some());
@@ -167,7 +167,7 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
     Ok(clean)
 }
 
-/// Lists what a maker may have meant for a link: an `<inertial>` that slipped out of its link is easily overlooked.
+/// Lists unknown elements outside links and joints, such as an `<inertial>` that its maker put outside its link by mistake.
 fn strays(root: &Element) -> Vec<String> {
     const KNOWN: [&str; 5] = ["link", "joint", "material", "transmission", "gazebo"];
     let mut names: Vec<String> = elements(root)
@@ -206,7 +206,7 @@ impl Clean {
     }
 }
 
-/// Returns `<inertial>` where it holds a mass and a whole tensor.
+/// Returns a clean `<inertial>` if it holds a mass and a whole tensor.
 fn clean_inertial(inertial: &Element) -> Option<Element> {
     let mut clean = Element::new("inertial");
     if let Some(origin) = inertial.get_child("origin") {
@@ -234,7 +234,7 @@ fn clean_shape(shape: &Element, link: &str, file: &Path) -> Result<Element, Hand
         let got = if got.is_empty() { "nothing".to_owned() } else { got.join(", ") };
         return Err(HandError::model(file, &place, expected, got));
     };
-    // What touches is a collision geometry from here on, whatever it was in the file.
+    // From here on it is collision geometry, even if it was visual in the file.
     let mut clean = Element::new("collision");
     if let Some(origin) = shape.get_child("origin") {
         append(&mut clean, copy(origin));
@@ -270,7 +270,7 @@ fn clean_joint(joint: &Element, file: &Path) -> Result<(Element, Stated), HandEr
         let mut child = copy(child);
         if key == "limit" {
             stated.range = ["lower", "upper"].iter().any(|bound| child.attributes.contains_key(*bound));
-            // Required by the standard, used by nobody here, and left out by some makers.
+            // The URDF reader requires it, some makers omit it, and nothing here uses it.
             child.attributes.entry("velocity".to_owned()).or_insert_with(|| "0".to_owned());
         }
         append(&mut clean, child);

@@ -1,4 +1,4 @@
-//! The tree that the joints of a URDF make of its links.
+//! The tree of a URDF's links, connected by its joints.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -10,12 +10,12 @@ use crate::error::HandError;
 /// Longest chain of links that is read; real hands stay far below, and later steps recurse.
 const MAX_DEPTH: usize = 200;
 
-/// Links by index, the parent always before its children.
+/// Links by index; in `order`, a parent comes before its children.
 #[derive(Debug)]
 pub(super) struct Tree {
     /// All links, root first.
     pub(super) order: Vec<usize>,
-    /// For every link, the joint that carries it; none for the root.
+    /// For every link, its parent joint; none for the root.
     pub(super) joint: Vec<Option<usize>>,
     /// For every link, its parent link; none for the root.
     pub(super) parent: Vec<Option<usize>>,
@@ -24,7 +24,7 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// Orders the links of `robot`, each reached from one root by one chain of joints.
+    /// Orders the links of `robot`; one chain of joints must lead from the root to each.
     pub(super) fn of(robot: &Robot, file: &Path) -> Result<Self, HandError> {
         refuse_repeated("link", robot.links.iter().map(|l| l.name.as_str()), file)?;
         refuse_repeated("joint", robot.joints.iter().map(|j| j.name.as_str()), file)?;

@@ -1,4 +1,4 @@
-//! The MJCF of a converted robot.
+//! Writes a converted robot as MJCF.
 
 use std::collections::BTreeMap;
 
@@ -14,10 +14,10 @@ use super::tree::Tree;
 use crate::import::imported::Assets;
 use crate::xml::{append, append_section, element, numbers, set};
 
-/// Name that MuJoCo keeps for itself.
+/// Name that MuJoCo reserves.
 const WORLD: &str = "world";
 
-/// Everything that bodies are made of, by the indices of the robot's links and joints.
+/// The parts of the bodies, by the indices of the robot's links and joints.
 pub(super) struct Parts<'a> {
     pub(super) robot: &'a Robot,
     pub(super) tree: &'a Tree,
@@ -55,13 +55,13 @@ impl Parts<'_> {
             while names.contains(&name) {
                 name.push('_');
             }
-            notes.push(format!("link `{WORLD}` is called `{name}`: MuJoCo keeps the name for its own"));
+            notes.push(format!("link `{WORLD}` was renamed `{name}`: MuJoCo reserves the name"));
             names[at] = name;
         }
         names
     }
 
-    /// Recursion is as deep as the tree, which is bounded.
+    /// Writes a body and its children. The recursion is as deep as the tree, whose depth is bounded.
     fn body(&self, link: usize, names: &[String]) -> Element {
         let mut body = element("body", &[("name", names[link].clone())]);
         let joint = self.tree.joint[link].map(|j| (&self.robot.joints[j].name, &self.joints[j]));
@@ -79,7 +79,7 @@ impl Parts<'_> {
             set(&mut of_body, "diaginertia", vector(&inertial.moments));
             append(&mut body, of_body);
         } else if !self.geoms[link].is_empty() {
-            // Said, because MuJoCo would look for a centre of mass among geoms without mass.
+            // Without it, MuJoCo would look for a centre of mass among geoms without mass.
             let nothing = [("pos", "0 0 0"), ("mass", "0"), ("diaginertia", "0 0 0")];
             append(&mut body, element("inertial", &nothing.map(|(key, value)| (key, value.to_owned()))));
         }
@@ -94,8 +94,8 @@ impl Parts<'_> {
 
     /// Excludes from contact the links of one rigid group, and those of groups that one joint connects.
     ///
-    /// Links that touch nothing need no exclusion, and a group without geometry between two others is as if the two
-    /// were connected, as where one link carries one of two joints with crossing axes.
+    /// Links without geometry need no exclusion. Two groups with only a group without geometry between them count as
+    /// connected; such a group often separates two joints with crossing axes.
     fn excludes(&self, groups: &[usize], names: &[String]) -> Vec<Element> {
         let mut solid: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for &link in self.tree.order.iter().filter(|&&link| !self.geoms[link].is_empty()) {
@@ -162,7 +162,7 @@ fn geom_element(geom: &Geom) -> Element {
     place(&mut element, &geom.pose);
     set(&mut element, "contype", "1");
     set(&mut element, "conaffinity", "1");
-    // The file's inertias are all there is: MuJoCo would add its own to a link without one.
+    // All mass comes from the file's inertias; without this, MuJoCo would add the geom's own.
     set(&mut element, "mass", "0");
     element
 }
