@@ -1,4 +1,4 @@
-//! A plugin in Rust: the functions of the table, written once for every generator of hands.
+//! The functions of the table for plugins in Rust: one implementation for every generator of hands.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -37,7 +37,7 @@ pub trait Generate {
     /// Generates a hand from options, which are a TOML document.
     ///
     /// # Errors
-    /// Says what is wrong with the options.
+    /// The error in the options.
     fn generate(options: &str) -> Result<HandFiles, String>;
 }
 
@@ -62,9 +62,9 @@ impl HandPlugin {
 
 /// Makes a library a hand plugin: exports the table of the function that is named.
 ///
-/// The function takes the options as TOML and returns [`HandFiles`], or says what is wrong with the options. A panic in it
-/// is caught and becomes an error. One library holds one plugin. Where the crate denies unsafe code, it still does: the
-/// export of a symbol is the one thing that is allowed here.
+/// The function takes the options as TOML and returns [`HandFiles`], or says what is wrong with the options. A panic in
+/// it is caught and becomes an error. One library holds one plugin. Where the crate denies unsafe code, it still does:
+/// the export of a symbol is the one thing that is allowed here.
 ///
 /// ```
 /// use eigenhand_hand_abi::{HandFiles, export_hand};
@@ -101,7 +101,7 @@ macro_rules! export_hand {
     };
 }
 
-/// What is behind a pointer to [`Generated`].
+/// The type behind a pointer to [`Generated`].
 type Outcome = Result<HandFiles, String>;
 
 unsafe extern "C" fn generate<G: Generate>(options: *const u8, options_len: usize, out: *mut *mut Generated) -> Status {
@@ -110,7 +110,7 @@ unsafe extern "C" fn generate<G: Generate>(options: *const u8, options_len: usiz
     }
     let bytes = match options_len {
         0 => &[],
-        // SAFETY: the caller says that so many bytes are there during the call, and null was excluded.
+        // SAFETY: the caller promises these bytes for the time of the call, and null was excluded.
         n => unsafe { std::slice::from_raw_parts(options, n) },
     };
     let outcome: Outcome = match std::str::from_utf8(bytes) {
@@ -120,14 +120,14 @@ unsafe extern "C" fn generate<G: Generate>(options: *const u8, options_len: usiz
         Err(error) => Err(format!("the options are not UTF-8: {error}")),
     };
     let status = if outcome.is_ok() { STATUS_OK } else { STATUS_ERROR };
-    // SAFETY: the caller gives a place to write a pointer to, and null was excluded.
+    // SAFETY: the caller passes a place for a pointer, and null was excluded.
     unsafe { *out = Box::into_raw(Box::new(outcome)).cast() };
     status
 }
 
 unsafe extern "C" fn file_count(hand: *const Generated, out: *mut usize) -> Status {
     guarded(|| {
-        // SAFETY: the caller's pointers are null, or as the table asks.
+        // SAFETY: each pointer is null or valid, as the table requires of the caller.
         let (hand, out) = unsafe { (hand.cast::<Outcome>().as_ref(), out.as_mut()) };
         let (Some(Ok(hand)), Some(out)) = (hand, out) else { return STATUS_ERROR };
         *out = hand.files.len();
@@ -137,7 +137,7 @@ unsafe extern "C" fn file_count(hand: *const Generated, out: *mut usize) -> Stat
 
 unsafe extern "C" fn file(hand: *const Generated, index: usize, name: *mut Bytes, content: *mut Bytes) -> Status {
     guarded(|| {
-        // SAFETY: the caller's pointers are null, or as the table asks.
+        // SAFETY: each pointer is null or valid, as the table requires of the caller.
         let (hand, name, content) = unsafe { (hand.cast::<Outcome>().as_ref(), name.as_mut(), content.as_mut()) };
         let (Some(Ok(hand)), Some(name), Some(content)) = (hand, name, content) else { return STATUS_ERROR };
         let Some(file) = hand.files.get(index) else { return STATUS_ERROR };
@@ -148,7 +148,7 @@ unsafe extern "C" fn file(hand: *const Generated, index: usize, name: *mut Bytes
 
 unsafe extern "C" fn error_message(hand: *const Generated, out: *mut Bytes) -> Status {
     guarded(|| {
-        // SAFETY: the caller's pointers are null, or as the table asks.
+        // SAFETY: each pointer is null or valid, as the table requires of the caller.
         let (hand, out) = unsafe { (hand.cast::<Outcome>().as_ref(), out.as_mut()) };
         let (Some(Err(message)), Some(out)) = (hand, out) else { return STATUS_ERROR };
         *out = Bytes::of(message.as_bytes());
@@ -159,19 +159,19 @@ unsafe extern "C" fn error_message(hand: *const Generated, out: *mut Bytes) -> S
 unsafe extern "C" fn free(hand: *mut Generated) {
     guarded(|| {
         if !hand.is_null() {
-            // SAFETY: the pointer comes from `generate`, where a box became it, and is given here once.
+            // SAFETY: the pointer comes from a box in `generate`, and the caller passes it here once.
             drop(unsafe { Box::from_raw(hand.cast::<Outcome>()) });
         }
         STATUS_OK
     });
 }
 
-/// A panic that left a C function would end the process.
+/// Catches a panic: if it left a C function, it would end the process.
 fn guarded(body: impl FnOnce() -> Status) -> Status {
     catch_unwind(AssertUnwindSafe(body)).unwrap_or(STATUS_PANIC)
 }
 
-/// Returns the words of a panic, where it has any.
+/// Returns the message of a panic.
 fn said(panic: &(dyn Any + Send)) -> &str {
     match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
         (Some(text), _) => text,

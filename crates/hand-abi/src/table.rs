@@ -1,14 +1,15 @@
 //! What crosses the boundary: one table of functions, and plain data.
 //!
 //! Only integers, pointers to bytes with their length and C functions do. Whatever a plugin hands out is its own and is
-//! read before the next call on the same [`Generated`]; whatever it is given belongs to the caller and ends with the call.
+//! read before the next call on the same [`Generated`]; whatever it is given belongs to the caller and ends with the
+//! call.
 
 use std::ffi::c_void;
 
 /// Name of the symbol that a plugin exports.
 pub const SYMBOL: &str = "eigenhand_hand_plugin";
 
-/// First field of the table, which tells it from anything else of that name.
+/// First field of the table; it marks the symbol as a hand plugin.
 pub const MAGIC: u32 = 0x4548_4E44;
 
 /// Major version of the interface: a plugin built for another one is refused.
@@ -17,24 +18,25 @@ pub const ABI_MAJOR: u32 = 1;
 /// Minor version of the interface: it grows when a function is appended, and older plugins stay valid.
 pub const ABI_MINOR: u32 = 0;
 
-/// What a function returns: [`STATUS_OK`], or any other number for a failure.
+/// Result of a function: [`STATUS_OK`], or any other number for a failure.
 pub type Status = i32;
 
-/// The function did what it is for.
+/// The function succeeded.
 pub const STATUS_OK: Status = 0;
 
-/// The function failed; for [`HandPlugin::generate`], [`HandPlugin::error_message`] says why.
+/// The function failed; after [`HandPlugin::generate`], [`HandPlugin::error_message`] gives the reason.
 pub const STATUS_ERROR: Status = 1;
 
-/// The function was left by a panic, which was caught inside the plugin.
+/// The function panicked, and the plugin caught the panic.
 pub const STATUS_PANIC: Status = 2;
 
 /// What a plugin made of one set of options: the files of a hand, or the reason why there are none.
 ///
-/// Only the plugin knows what is behind the pointer. [`HandPlugin::generate`] makes it and [`HandPlugin::free`] ends it.
+/// Only the plugin knows what is behind the pointer. [`HandPlugin::generate`] makes it and [`HandPlugin::free`] ends
+/// it.
 pub type Generated = c_void;
 
-/// Bytes that belong to somebody else.
+/// Borrowed bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Bytes {
@@ -48,13 +50,13 @@ impl Bytes {
     /// No bytes.
     pub const NONE: Self = Self { data: std::ptr::null(), len: 0 };
 
-    /// Returns the bytes of `slice`, for as long as it lives and is not changed.
+    /// Borrows `slice`; the result is valid while the slice lives unchanged.
     pub fn of(slice: &[u8]) -> Self {
         Self { data: slice.as_ptr(), len: slice.len() }
     }
 }
 
-/// The first four fields of the table, which no version of the interface changes.
+/// The first four fields of the table, equal in every version of the interface.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Header {
@@ -62,7 +64,7 @@ pub struct Header {
     pub magic: u32,
     /// [`ABI_MAJOR`] of the interface that the plugin was built for.
     pub abi_major: u32,
-    /// [`ABI_MINOR`] of it.
+    /// [`ABI_MINOR`] of that interface.
     pub abi_minor: u32,
     /// Size of the plugin's [`HandPlugin`] in bytes: how many functions it has.
     pub struct_size: u32,
@@ -70,20 +72,20 @@ pub struct Header {
 
 /// The table that a plugin exports as [`SYMBOL`].
 ///
-/// The table and the functions stay valid and unchanged from the moment the library is opened. No function may unwind or
-/// jump out of itself. The program calls one function at a time, whatever its number of threads, and never the functions
-/// of a plugin from within one.
+/// The table and the functions stay valid and unchanged from the moment the library is opened. No function may unwind
+/// or jump out of itself. The program calls one function at a time, whatever its number of threads, and never the
+/// functions of a plugin from within one.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct HandPlugin {
-    /// Which interface this is.
+    /// Version of the interface.
     pub header: Header,
 
     /// `generate(options, options_len, out)` generates a hand.
     ///
-    /// `options` are `options_len` bytes of UTF-8: the table `[options]` of the plugin's sidecar as TOML, empty where there
-    /// is none. They belong to the caller and are valid during the call. The plugin writes to `*out`, which holds null
-    /// before the call, a pointer that the caller gives to `free` once, **also where the call fails**, so that
+    /// `options` are `options_len` bytes of UTF-8: the table `[options]` of the plugin's sidecar as TOML, empty where
+    /// there is none. They belong to the caller and are valid during the call. The plugin writes to `*out`, which holds
+    /// null before the call, a pointer that the caller gives to `free` once, **also where the call fails**, so that
     /// `error_message` can be asked. A plugin that has nothing to say about a failure may leave null there.
     pub generate:
         Option<unsafe extern "C" fn(options: *const u8, options_len: usize, out: *mut *mut Generated) -> Status>,
@@ -93,20 +95,20 @@ pub struct HandPlugin {
     /// `hand` comes from a `generate` that succeeded, and `free` was not called with it.
     pub file_count: Option<unsafe extern "C" fn(hand: *const Generated, out: *mut usize) -> Status>,
 
-    /// `file(hand, index, name, content)` writes where name and content of a file are to `*name` and `*content`.
+    /// `file(hand, index, name, content)` writes the name and the content of a file to `*name` and `*content`.
     ///
     /// `index` is smaller than the number of files. The name is a path below the hand's directory, in UTF-8, with `/`
-    /// between its parts. Both belong to the plugin and are valid and unchanged until `free(hand)`.
+    /// between its parts. The plugin owns both; they are valid and unchanged until `free(hand)`.
     pub file: Option<
         unsafe extern "C" fn(hand: *const Generated, index: usize, name: *mut Bytes, content: *mut Bytes) -> Status,
     >,
 
-    /// `error_message(hand, out)` writes where the reason of a failure is to `*out`.
+    /// `error_message(hand, out)` writes the reason for a failure to `*out`.
     ///
-    /// `hand` comes from a `generate` that failed. The message is UTF-8, belongs to the plugin, and is valid and unchanged
-    /// until `free(hand)`.
+    /// `hand` comes from a `generate` that failed. The message is UTF-8, belongs to the plugin, and is valid and
+    /// unchanged until `free(hand)`.
     pub error_message: Option<unsafe extern "C" fn(hand: *const Generated, out: *mut Bytes) -> Status>,
 
-    /// `free(hand)` ends what `generate` made, and all bytes that were read of it. Null is allowed and does nothing.
+    /// `free(hand)` frees the result of `generate` with all its bytes. Null is allowed and does nothing.
     pub free: Option<unsafe extern "C" fn(hand: *mut Generated)>,
 }

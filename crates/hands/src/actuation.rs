@@ -6,15 +6,16 @@ use crate::parts::{HandActuator, Transmission};
 /// The affine map `ctrl = matrix * posture + offset`, one row for each actuator, the slide's first.
 ///
 /// # Source
-/// At rest a position servo's force vanishes: `gain * ctrl = stiffness * length - bias`, and MuJoCo's actuator length is
-/// gear times joint position, or gear times the sum of coefficient and joint position for a fixed tendon.
+/// At rest a position servo's force vanishes: `gain * ctrl = stiffness * length - bias`, and MuJoCo's actuator length
+/// is gear times joint position, or gear times the sum of coefficient and joint position for a fixed tendon.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Actuation {
     /// Actuators in order, the slide's first and then the model's in document order.
     pub actuators: Vec<String>,
     /// Joints of the posture in order: the columns of `matrix`.
     pub joints: Vec<String>,
-    /// Rows of `joints.len()` numbers, one for each actuator; zeros for a motor or another actuator that holds no position.
+    /// Rows of `joints.len()` numbers, one for each actuator; zeros for a motor or another actuator that holds no
+    /// position.
     pub matrix: Vec<Vec<f64>>,
     /// Command at the zero posture, one for each actuator.
     pub offset: Vec<f64>,
@@ -44,8 +45,8 @@ impl Actuation {
 impl Hand {
     /// Computes the map from a posture to actuator commands.
     ///
-    /// A driven joint outside the posture follows its coupling if the coupling is linear and its driver is in the posture;
-    /// otherwise it stays in the open posture.
+    /// A driven joint outside the posture follows its coupling if the coupling is linear and its driver is in the
+    /// posture; otherwise it stays in the open posture.
     pub fn actuation(&self) -> Actuation {
         let joints: Vec<String> = self.posture.iter().map(|j| j.name.clone()).collect();
         let slide = &self.manifest.slide;

@@ -1,7 +1,8 @@
 //! Compiled plugins: hands that a library generates from options.
 //!
-//! Such a plugin is a directory with a sidecar, `hand-plugin.toml`. Its library returns the files of a hand's directory.
-//! They are copied, written to a cache and read from there like any other hand. Only `library` holds unsafe code.
+//! Such a plugin is a directory with a sidecar, `hand-plugin.toml`. Its library returns the files of a hand's
+//! directory. They are copied, written to a cache and read from there like any other hand. Only `library` holds unsafe
+//! code.
 
 mod cache;
 mod library;

@@ -22,15 +22,16 @@ pub struct Hand {
     pub compiler: Compiler,
     /// Folder that the model's asset paths are relative to, before `meshdir` and `texturedir`.
     pub model_directory: PathBuf,
-    /// Files of the model that are held in memory, by the names that the model uses; all other files lie in the model's directory.
+    /// Files of the model that are held in memory, by the names that the model uses; all other files lie in the model's
+    /// directory.
     pub assets: Vec<(String, Vec<u8>)>,
     /// Changes and assumptions made while reading the model, one line each.
     pub notes: Vec<String>,
-    /// Every file of the hand, relative to its directory. For a compiled plugin: its sidecar and the generated files. For a
-    /// URDF: without its meshes.
+    /// Every file of the hand, relative to its directory. For a compiled plugin: its sidecar and the generated files.
+    /// For a URDF: without its meshes.
     pub files: Vec<PathBuf>,
-    /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal. For a URDF it also covers [`Self::assets`],
-    /// the converted meshes.
+    /// SHA-256 over the names and contents of [`Self::files`], in hexadecimal. For a URDF it also covers
+    /// [`Self::assets`], the converted meshes.
     pub digest: String,
     /// The model's joints in MuJoCo's order, without the slide.
     pub joints: Vec<HandJoint>,
@@ -52,7 +53,8 @@ impl Hand {
 
     /// Returns the position of every joint of the model at the start of an episode, by name.
     ///
-    /// A joint without a value in the manifest follows its coupling; without a coupling it takes the position nearest to 0.
+    /// A joint without a value in the manifest follows its coupling; without a coupling it takes the position nearest
+    /// to 0.
     ///
     /// # Units
     /// rad for hinges, m for slides.

@@ -19,8 +19,8 @@ mod urdf;
 pub use imported::{ImportOptions, Imported};
 
 impl Imported {
-    /// Keeps the body `hand` with everything below it, and removes the arm: the bodies above it and its `joints`. Elements
-    /// that name removed parts are removed with a note.
+    /// Keeps the body `hand` with everything below it, and removes the arm: the bodies above it and its `joints`.
+    /// Elements that name removed parts are removed with a note.
     pub fn leave_out_arm(&mut self, hand: &str, joints: &[String], notes: &mut Vec<String>) {
         mend::keep_body(&mut self.model, hand, joints);
         note(notes, &format!("the hand begins with `{hand}`; the arm above it was removed, with its joints"), joints);

@@ -1,9 +1,9 @@
 //! Robot hands as data: the manifest of a hand, its model file, and the registry that finds hands by name.
 //!
 //! A hand is a directory with a `hand.toml` ([`HandManifest`]) and a MuJoCo model that loads by itself. [`Hand::load`]
-//! reads both, resolves every name and range, and computes a digest over the hand's files. [`import()`] reads MJCF and URDF
-//! as makers publish them. [`Registry`] finds hands by name, including compiled plugins, whose libraries generate a hand's
-//! files. This crate does not need MuJoCo and contains no particular hand.
+//! reads both, resolves every name and range, and computes a digest over the hand's files. [`import()`] reads MJCF and
+//! URDF as makers publish them. [`Registry`] finds hands by name, including compiled plugins, whose libraries generate
+//! a hand's files. This crate does not need MuJoCo and contains no particular hand.
 #![deny(unsafe_code)]
 
 mod actuation;

@@ -12,8 +12,8 @@ use crate::resolve;
 use crate::sources;
 
 impl Hand {
-    /// Reads and checks the hand in `directory`, which holds a manifest. Only [`Registry::get`](crate::Registry::get) loads
-    /// compiled plugins, because it knows the directories whose libraries the user allowed.
+    /// Reads and checks the hand in `directory`, which holds a manifest. Only [`Registry::get`](crate::Registry::get)
+    /// loads compiled plugins, because it knows the directories whose libraries the user allowed.
     ///
     /// # Errors
     /// Names the file, the key and the expected value: see [`HandError`].

@@ -52,11 +52,12 @@ pub struct HandManifest {
     /// The vertical slide that carries the hand.
     #[serde(default)]
     pub slide: Slide,
-    /// Joint values at the start of an episode (rad, m); a joint that is missing starts at 0, or at the limit nearest to 0.
+    /// Joint values at the start of an episode (rad, m); a joint that is missing starts at 0, or at the limit nearest
+    /// to 0.
     #[serde(default)]
     pub open_posture: BTreeMap<String, f64>,
-    /// End of its range at which each actuator closes the hand: 1 the upper, -1 the lower. An actuator without an entry does
-    /// not close the hand.
+    /// End of its range at which each actuator closes the hand: 1 the upper, -1 the lower. An actuator without an entry
+    /// does not close the hand.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub closing: BTreeMap<String, f64>,
     /// The objects to grasp.

@@ -101,8 +101,8 @@ impl Compiler {
         Ok(compiler)
     }
 
-    /// Returns the path of the file that an asset element names as `written`, for an element `kind` (`mesh`, `texture`, ...)
-    /// of a model in `directory`.
+    /// Returns the path of the file that an asset element names as `written`, for an element `kind` (`mesh`, `texture`,
+    /// ...) of a model in `directory`.
     pub fn asset_path(&self, kind: &str, written: &str, directory: &Path) -> PathBuf {
         let folder = if kind == "texture" { &self.texture_dir } else { &self.mesh_dir };
         let name = if self.strip_path { written.rsplit(['/', '\\']).next().unwrap_or(written) } else { written };
@@ -173,8 +173,8 @@ impl Defaults {
         Ok(())
     }
 
-    /// Merges the attributes of `element` over the defaults of its class. The class is its own, otherwise the `childclass` of
-    /// the bodies around it, otherwise the main class.
+    /// Merges the attributes of `element` over the defaults of its class. The class is its own, otherwise the
+    /// `childclass` of the bodies around it, otherwise the main class.
     pub(crate) fn resolve(
         &self,
         element: &Element,

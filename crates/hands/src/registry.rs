@@ -51,7 +51,8 @@ impl SearchPath {
         path
     }
 
-    /// Adds a directory of plugins, or one plugin's own directory. Errors name `origin`, the option or variable that named it.
+    /// Adds a directory of plugins, or one plugin's own directory. Errors name `origin`, the option or variable that
+    /// named it.
     pub fn push(&mut self, directory: impl Into<PathBuf>, origin: &str) {
         let (directory, origin) = (directory.into(), origin.to_owned());
         self.places.push(Place { directory, origin, must_exist: true, gives_way: false });

@@ -85,8 +85,8 @@ pub(crate) fn decode(bytes: &[u8]) -> (String, bool) {
 /// Removes the XML declaration and everything before it; line numbers of the rest stay. Returns the text, and true if a
 /// comment was removed.
 ///
-/// Some makers put a licence before the declaration, which XML forbids. The declared encoding no longer matters, because
-/// the text is UTF-8 by now.
+/// Some makers put a licence before the declaration, which XML forbids. The declared encoding no longer matters,
+/// because the text is UTF-8 by now.
 pub(crate) fn without_declaration(text: &str) -> (String, bool) {
     let mut at = 0;
     let mut comment = false;

@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use crate::error::HandError;
 use crate::sources;
 
-/// Writes files to a directory named after their digest, and returns it. A missing or damaged directory is written again.
+/// Writes files to a directory named after their digest, and returns it. A missing or damaged directory is written
+/// again.
 pub(super) fn store(files: &BTreeMap<PathBuf, Vec<u8>>) -> Result<PathBuf, HandError> {
     let digest = sources::digest(files);
     let mut roots = roots().into_iter();

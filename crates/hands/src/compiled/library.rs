@@ -1,7 +1,7 @@
 //! Calls into a plugin's library: the only unsafe code of this crate.
 //!
-//! The user chose to run the library, and it can do what any program can. Its pointers are trusted. Its version, the size
-//! of its table, its counts and its lengths are checked, null is an error, and everything is copied out.
+//! The user chose to run the library, and it can do what any program can. Its pointers are trusted. Its version, the
+//! size of its table, its counts and its lengths are checked, null is an error, and everything is copied out.
 #![allow(unsafe_code)]
 
 use std::ffi::OsStr;

@@ -10,11 +10,11 @@ use crate::error::HandError;
 const DEPS: &str = "deps";
 const LOCK_FILE: &str = "Cargo.lock";
 
-/// Finds the library that `sidecar` names, and returns its absolute path: the system's loader would search its own folders
-/// for a plain name.
+/// Finds the library that `sidecar` names, and returns its absolute path: the system's loader would search its own
+/// folders for a plain name.
 ///
-/// A path is relative to the plugin's directory. A plain name is searched there, then beside the running program, then in
-/// cargo's build folders of the plugin's workspace.
+/// A path is relative to the plugin's directory. A plain name is searched there, then beside the running program, then
+/// in cargo's build folders of the plugin's workspace.
 pub(super) fn find(directory: &Path, sidecar: &Sidecar) -> Result<PathBuf, HandError> {
     let written = Path::new(&sidecar.library);
     let name = written.file_name().unwrap_or_default().to_string_lossy();

@@ -80,8 +80,8 @@ fn settings(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<
     Ok(())
 }
 
-/// Returns true if the file names no unit of angles but means radians, as a file that others include may: no hinge range is
-/// beyond one turn in radians, and in degrees such ranges would be far too small.
+/// Returns true if the file names no unit of angles but means radians, as a file that others include may: no hinge
+/// range is beyond one turn in radians, and in degrees such ranges would be far too small.
 fn in_radians_unsaid(root: &mut Element, file: &Path) -> Result<bool, HandError> {
     if elements_mut(root).any(|e| e.name == "compiler" && attribute(e, "angle").is_some()) {
         return Ok(false);

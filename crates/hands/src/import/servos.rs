@@ -27,8 +27,8 @@ const TIME_CONSTANT: f64 = 0.06;
 /// Damping of a hinge (N m s) and of a slide (N s/m) without a servo.
 const FREE_HINGE_DAMPING: f64 = 0.02;
 const FREE_SLIDE_DAMPING: f64 = 5.0;
-/// Rotor inertia (kg m2) or mass (kg) for each N m/rad or N/m of stiffness, in s2: the servo's frequency, 5 Hz, stays far
-/// below the step's.
+/// Rotor inertia (kg m2) or mass (kg) for each N m/rad or N/m of stiffness, in s2: the servo's frequency, 5 Hz, stays
+/// far below the step's.
 const ARMATURE: f64 = 1e-3;
 /// Least armature of a hinge (kg m2) and of a slide (kg).
 const LEAST_ARMATURES: [f64; 2] = [1e-3, 0.02];
@@ -36,8 +36,8 @@ const LEAST_ARMATURES: [f64; 2] = [1e-3, 0.02];
 const TURN: f64 = std::f64::consts::PI;
 const TRAVEL: f64 = 0.1;
 
-/// Completes a model: servos if it has no actuator, control ranges for actuators without one, and damping and armature if
-/// servos were added or no joint has damping.
+/// Completes a model: servos if it has no actuator, control ranges for actuators without one, and damping and armature
+/// if servos were added or no joint has damping.
 pub(super) fn complete(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     if Joints::read(&imported.model, file)?.0.is_empty() {
         return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));

@@ -13,7 +13,8 @@ use crate::xml::{attribute, elements, elements_mut, set};
 /// Rotor inertia (kg m2) assumed for a joint when a damping ratio is converted to a damping.
 const NOMINAL_INERTIA: f64 = 1e-3;
 
-/// Replaces the compiler's `inertiagrouprange` by mass 0 on the geoms outside it: the range would also apply to the object.
+/// Replaces the compiler's `inertiagrouprange` by mass 0 on the geoms outside it: the range would also apply to the
+/// object.
 pub(super) fn inertia_groups(
     root: &mut Element,
     defaults: &Defaults,

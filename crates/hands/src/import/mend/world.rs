@@ -45,7 +45,8 @@ pub(super) fn one_root(root: &mut Element, defaults: &Defaults, file: &Path, not
     note(notes, "removed, because they are not part of the hand", &gone);
 }
 
-/// Returns true if a child of the world is part of the hand; removes its free joint, because the mount carries the hand.
+/// Returns true if a child of the world is part of the hand; removes its free joint, because the mount carries the
+/// hand.
 fn belongs(child: &mut Element, type_of: &TypeOf, gone: &mut Vec<String>) -> bool {
     let name = attribute(child, "name").map(|name| format!(" `{name}`")).unwrap_or_default();
     match child.name.as_str() {
@@ -76,7 +77,8 @@ fn belongs(child: &mut Element, type_of: &TypeOf, gone: &mut Vec<String>) -> boo
     }
 }
 
-/// Removes objects: if actuators move some bodies of the world, a body that no actuator, tendon or coupling reaches is one.
+/// Removes objects: if actuators move some bodies of the world, a body that no actuator, tendon or coupling reaches is
+/// one.
 fn leave_out_unmoved(world: &mut Element, root: &Element, gone: &mut Vec<String>) {
     fn reached(part: &Element, named: &BTreeSet<Named>) -> bool {
         attribute(part, "name").is_some_and(|name| named.contains(&(part.name.clone(), name.to_owned())))

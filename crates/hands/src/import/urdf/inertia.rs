@@ -37,8 +37,8 @@ pub(super) struct Inertial {
 
 /// Reads the inertials of all links, in the order of the file.
 ///
-/// A link without a usable inertial stays without. If a whole rigid group has none, the link that carries the group gets
-/// one, because MuJoCo requires moving bodies to have mass.
+/// A link without a usable inertial stays without. If a whole rigid group has none, the link that carries the group
+/// gets one, because MuJoCo requires moving bodies to have mass.
 pub(super) fn read(
     source: &Source,
     geoms: &[Vec<Geom>],

@@ -167,7 +167,8 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
     Ok(clean)
 }
 
-/// Lists unknown elements outside links and joints, such as an `<inertial>` that its maker put outside its link by mistake.
+/// Lists unknown elements outside links and joints, such as an `<inertial>` that its maker put outside its link by
+/// mistake.
 fn strays(root: &Element) -> Vec<String> {
     const KNOWN: [&str; 5] = ["link", "joint", "material", "transmission", "gazebo"];
     let mut names: Vec<String> = elements(root)
