@@ -68,14 +68,14 @@ typedef struct eigenhand_hand_plugin_t {
      * hand: from a `generate` that succeeded, and `free` was not called with it. */
     eigenhand_status (*file_count)(const void *hand, size_t *out);
 
-    /* Writes the name and the content of a file to *name and *content.
+    /* Points *name and *content at the name and the content of a file.
      *
      * index: smaller than the number of files.
      * name: a path below the hand's directory, in UTF-8, with `/` between its parts.
      * The plugin owns both; they are valid and unchanged until free(hand). */
     eigenhand_status (*file)(const void *hand, size_t index, eigenhand_bytes *name, eigenhand_bytes *content);
 
-    /* Writes the reason for a failure to *out.
+    /* Points *out at the reason for a failure.
      *
      * hand: from a `generate` that failed. The message is UTF-8. The plugin owns it; it is valid and unchanged until
      * free(hand). */

@@ -60,11 +60,11 @@ impl HandPlugin {
     }
 }
 
-/// Makes a library a hand plugin: exports the table of the function that is named.
+/// Exports a function as the hand plugin of this library.
 ///
-/// The function takes the options as TOML and returns [`HandFiles`], or says what is wrong with the options. A panic in
-/// it is caught and becomes an error. One library holds one plugin. Where the crate denies unsafe code, it still does:
-/// the export of a symbol is the one thing that is allowed here.
+/// The function takes the options as TOML and returns [`HandFiles`], or a message about an error in the options. A
+/// panic in it is caught and becomes an error. A library holds one plugin. The macro also works in a crate that denies
+/// unsafe code: it allows the export of this symbol and nothing else.
 ///
 /// ```
 /// use eigenhand_hand_abi::{HandFiles, export_hand};

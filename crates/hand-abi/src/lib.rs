@@ -1,12 +1,12 @@
 //! The C interface between Eigenhand and a compiled hand plugin.
 //!
-//! A hand is a directory of data wherever that is enough. A compiled plugin is for hands that are *generated*: it is
-//! given options and yields the manifest and the files that such a directory would hold. The program copies them out
-//! and closes the conversation, so that no code of a plugin runs while a hand is simulated.
+//! Most hands are a directory of data. A compiled plugin is for hands that are *generated*: from options it generates
+//! the files of such a directory, the manifest among them. The program copies the files when it loads the hand, so no
+//! code of a plugin runs in a simulation. Plugins work on Linux and macOS.
 //!
-//! A plugin is a dynamic library that exports one symbol, a [`HandPlugin`]. Whoever writes one in Rust writes a
-//! function from options to [`HandFiles`] and names it in [`export_hand!`]; whoever writes one in C includes
-//! `include/eigenhand_hand.h`, which says the same as this crate.
+//! A plugin is a dynamic library that exports one symbol, a [`HandPlugin`]. In Rust, write a function from options to
+//! [`HandFiles`] and pass it to [`export_hand!`]. In C, include `include/eigenhand_hand.h`, which declares the same
+//! types.
 
 mod export;
 mod table;

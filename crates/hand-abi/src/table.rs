@@ -1,8 +1,8 @@
-//! What crosses the boundary: one table of functions, and plain data.
+//! The types that cross the boundary: one table of functions, and plain data.
 //!
-//! Only integers, pointers to bytes with their length and C functions do. Whatever a plugin hands out is its own and is
-//! read before the next call on the same [`Generated`]; whatever it is given belongs to the caller and ends with the
-//! call.
+//! Only integers, C functions, and pointers to bytes with a length cross it. The plugin owns everything that it
+//! returns; the caller reads it before the next call on the same [`Generated`]. The caller owns everything that it
+//! passes; it is valid during the call only.
 
 use std::ffi::c_void;
 
@@ -30,10 +30,10 @@ pub const STATUS_ERROR: Status = 1;
 /// The function panicked, and the plugin caught the panic.
 pub const STATUS_PANIC: Status = 2;
 
-/// What a plugin made of one set of options: the files of a hand, or the reason why there are none.
+/// Result of one call of [`HandPlugin::generate`]: the files of a hand, or the reason for a failure.
 ///
-/// Only the plugin knows what is behind the pointer. [`HandPlugin::generate`] makes it and [`HandPlugin::free`] ends
-/// it.
+/// Only the plugin knows the type behind the pointer. [`HandPlugin::generate`] creates it and [`HandPlugin::free`]
+/// frees it.
 pub type Generated = c_void;
 
 /// Borrowed bytes.
@@ -73,8 +73,8 @@ pub struct Header {
 /// The table that a plugin exports as [`SYMBOL`].
 ///
 /// The table and the functions stay valid and unchanged from the moment the library is opened. No function may unwind
-/// or jump out of itself. The program calls one function at a time, whatever its number of threads, and never the
-/// functions of a plugin from within one.
+/// or `longjmp` out of itself. The program calls one function at a time, even with several threads, and makes no call
+/// while another one runs.
 #[repr(C)]
 #[derive(Debug, Clone, Copy)]
 pub struct HandPlugin {
@@ -83,10 +83,10 @@ pub struct HandPlugin {
 
     /// `generate(options, options_len, out)` generates a hand.
     ///
-    /// `options` are `options_len` bytes of UTF-8: the table `[options]` of the plugin's sidecar as TOML, empty where
-    /// there is none. They belong to the caller and are valid during the call. The plugin writes to `*out`, which holds
-    /// null before the call, a pointer that the caller gives to `free` once, **also where the call fails**, so that
-    /// `error_message` can be asked. A plugin that has nothing to say about a failure may leave null there.
+    /// `options` are `options_len` bytes of UTF-8: the table `[options]` of the plugin's sidecar as TOML, or no bytes
+    /// if the sidecar has no options. The caller owns them; they are valid during the call. `*out` holds null before
+    /// the call. The plugin writes a pointer there, **also when it fails**, so that the caller can ask `error_message`;
+    /// the caller passes the pointer to `free` once. After a failure without a reason the plugin may leave null there.
     pub generate:
         Option<unsafe extern "C" fn(options: *const u8, options_len: usize, out: *mut *mut Generated) -> Status>,
 
@@ -95,7 +95,7 @@ pub struct HandPlugin {
     /// `hand` comes from a `generate` that succeeded, and `free` was not called with it.
     pub file_count: Option<unsafe extern "C" fn(hand: *const Generated, out: *mut usize) -> Status>,
 
-    /// `file(hand, index, name, content)` writes the name and the content of a file to `*name` and `*content`.
+    /// `file(hand, index, name, content)` points `*name` and `*content` at the name and the content of a file.
     ///
     /// `index` is smaller than the number of files. The name is a path below the hand's directory, in UTF-8, with `/`
     /// between its parts. The plugin owns both; they are valid and unchanged until `free(hand)`.
@@ -103,10 +103,10 @@ pub struct HandPlugin {
         unsafe extern "C" fn(hand: *const Generated, index: usize, name: *mut Bytes, content: *mut Bytes) -> Status,
     >,
 
-    /// `error_message(hand, out)` writes the reason for a failure to `*out`.
+    /// `error_message(hand, out)` points `*out` at the reason for a failure.
     ///
-    /// `hand` comes from a `generate` that failed. The message is UTF-8, belongs to the plugin, and is valid and
-    /// unchanged until `free(hand)`.
+    /// `hand` comes from a `generate` that failed. The message is UTF-8. The plugin owns it; it is valid and unchanged
+    /// until `free(hand)`.
     pub error_message: Option<unsafe extern "C" fn(hand: *const Generated, out: *mut Bytes) -> Status>,
 
     /// `free(hand)` frees the result of `generate` with all its bytes. Null is allowed and does nothing.
