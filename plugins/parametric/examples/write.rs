@@ -1,4 +1,4 @@
-//! Writes what the plugin generates to a directory, to be looked at or changed: `write OUT [OPTIONS.toml]`
+//! Writes the generated files to a directory, to look at them or change them: `write OUT [OPTIONS.toml]`
 #![forbid(unsafe_code)]
 
 use std::path::PathBuf;

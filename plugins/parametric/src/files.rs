@@ -12,9 +12,9 @@ pub(crate) const MODEL: &str = "model.xml";
 const TALLEST_OBJECT: f64 = 0.09;
 /// Gap between the tallest object and the open hand's fingertips at the start (m).
 const START_GAP: f64 = 0.02;
-/// How far the slide's lowest end would put straight fingers below the plane (m).
+/// Depth of straight fingers below the plane at the slide's lowest end (m).
 const PRESS: f64 = 0.03;
-/// How far above the plane a straight finger's end can be lifted (m).
+/// Height of a straight finger's end above the plane at the slide's highest end (m).
 const LIFT: f64 = 0.23;
 /// Largest speed at which the hand rises (m/s).
 const RISE_SPEED: f64 = 0.25;
@@ -30,7 +30,7 @@ const ARMATURE: f64 = 0.001;
 pub(crate) fn manifest(options: &Options) -> String {
     let fingers = 0..options.fingers;
     let tips: Vec<String> = fingers.clone().map(|finger| format!("\"{}\"", tip(finger))).collect();
-    // Only the first joint of a finger leans, so the whole of it does.
+    // Only the first joint leans in the open posture, so the whole finger leans by this angle.
     let open_drop = (options.reach() - options.finger_radius) * options.open_angle.cos() + options.finger_radius;
     let height = TALLEST_OBJECT + START_GAP + open_drop;
     let (low, high) = (options.reach() - PRESS - height, options.reach() + LIFT - height);
@@ -172,10 +172,10 @@ fn tip(finger: usize) -> String {
     format!("finger{finger}_tip")
 }
 
-/// Returns a number as it is written: to a micrometre, without what binary fractions leave behind.
+/// Writes a number to six decimals, without the rounding errors of binary fractions.
 fn number(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
-    // Adding zero makes of -0 what a reader expects.
+    // Adding zero turns -0 into 0.
     format!("{:?}", rounded + 0.0)
 }
 

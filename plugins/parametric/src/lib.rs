@@ -1,6 +1,6 @@
 //! Generates a hand of any number of fingers that stand in a circle under a palm and point down.
 //!
-//! A hand that is no copy of a human one, and the example of a compiled plugin: [`Options`] in, a manifest and a model out.
+//! This is the example of a compiled plugin: it turns [`Options`] into a manifest and a model.
 //! `README.md` derives the numbers.
 #![deny(unsafe_code)]
 
@@ -14,7 +14,7 @@ pub use options::Options;
 /// Generates the hand that `options`, a TOML document, describe.
 ///
 /// # Errors
-/// Says which option is unknown or out of its bounds.
+/// Names the option that is unknown or out of its bounds.
 pub fn generate(options: &str) -> Result<HandFiles, String> {
     let options = Options::parse(options)?;
     Ok(HandFiles::new().with("hand.toml", files::manifest(&options)).with(files::MODEL, files::model(&options)))

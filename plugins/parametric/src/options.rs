@@ -1,4 +1,4 @@
-//! What can be chosen about the hand.
+//! The options of the hand.
 
 use std::fmt::Display;
 use std::ops::RangeInclusive;
@@ -7,16 +7,16 @@ use serde::Deserialize;
 
 const FINGERS: RangeInclusive<usize> = 2..=6;
 const PHALANGES: RangeInclusive<usize> = 1..=4;
-/// Length of a phalanx for which none is given (m).
+/// Default length of a phalanx (m).
 const PHALANX_LENGTH: f64 = 0.045;
-/// Bounds within which what is generated is still a hand for objects of this task.
+/// Bounds within which the generated hand can still grasp the objects of this task.
 const LENGTH: RangeInclusive<f64> = 0.01..=0.2;
 const RADIUS: RangeInclusive<f64> = 0.003..=0.03;
 const PALM_RADIUS: RangeInclusive<f64> = 0.01..=0.2;
 const OPEN_ANGLE: RangeInclusive<f64> = 0.0..=0.7;
 const POSITIVE: RangeInclusive<f64> = 1e-3..=1e3;
 
-/// The options of the sidecar's table `[options]`. All may be left out.
+/// The table `[options]` of the sidecar. All options are optional.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
@@ -26,13 +26,13 @@ pub struct Options {
     pub fingers: usize,
     /// Number of phalanges of each finger, and of its joints.
     pub phalanges: usize,
-    /// Lengths of the phalanges from the palm outwards (m); empty: all alike.
+    /// Lengths of the phalanges from the palm outwards (m); empty: the default for each.
     pub phalanx_lengths: Vec<f64>,
     /// Radius of the fingers (m).
     pub finger_radius: f64,
     /// Radius of the palm's disc, on whose rim the fingers stand (m).
     pub palm_radius: f64,
-    /// Angle by which the fingers of the open hand lean outwards (rad).
+    /// Outward lean of the fingers of the open hand (rad).
     pub open_angle: f64,
     /// Stiffness of each joint's servo (N m/rad).
     pub kp: f64,
@@ -63,7 +63,7 @@ impl Options {
     /// Reads and checks options.
     ///
     /// # Errors
-    /// Says which option is unknown or out of its bounds.
+    /// Names the option that is unknown or out of its bounds.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut options: Self = toml::from_str(text).map_err(|error| error.to_string().trim_end().to_owned())?;
         within("fingers", options.fingers, &FINGERS)?;
