@@ -25,7 +25,7 @@ struct Place {
     directory: PathBuf,
     origin: String,
     must_exist: bool,
-    /// Whether a hand here gives way to one of its name elsewhere.
+    /// True if a hand here is ignored when another place has a hand of the same name.
     gives_way: bool,
 }
 
@@ -58,7 +58,8 @@ impl SearchPath {
         self.places.push(Place { directory, origin, must_exist: true, gives_way: false });
     }
 
-    /// Adds a directory of hands that come with the program: each gives way to a hand of its name that is found elsewhere.
+    /// Adds a directory of hands that come with the program. Such a hand is ignored if an earlier place has a hand of the
+    /// same name.
     pub fn fall_back_on(&mut self, directory: impl Into<PathBuf>) {
         let (directory, origin) = (directory.into(), "the program".to_owned());
         self.places.push(Place { directory, origin, must_exist: true, gives_way: true });
