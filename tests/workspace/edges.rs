@@ -8,17 +8,61 @@ use crate::source;
 use crate::support::workspace;
 
 /// Every crate with the crates of this workspace that it may depend on, for whatever purpose.
-const ALLOWED: [(&str, &[&str]); 8] = [
+const ALLOWED: [(&str, &[&str]); 13] = [
     ("eigenhand-hand-abi", &[]),
+    ("eigenhand-files", &[]),
+    ("eigenhand-mujoco", &[]),
     ("eigenhand-hands", &["eigenhand-hand-abi"]),
-    ("eigenhand-sim", &["eigenhand-hands"]),
+    ("eigenhand-sim", &["eigenhand-hands", "eigenhand-mujoco"]),
+    ("eigenhand-render", &["eigenhand-hands", "eigenhand-mujoco", "eigenhand-sim"]),
+    (
+        "eigenhand-onboard",
+        &["eigenhand-files", "eigenhand-hands", "eigenhand-mujoco", "eigenhand-render", "eigenhand-sim"],
+    ),
     ("eigenhand-rl", &[]),
     ("eigenhand-synergy", &[]),
-    ("eigenhand-train", &["eigenhand-hands", "eigenhand-sim", "eigenhand-rl", "eigenhand-synergy"]),
-    ("eigenhand-report", &["eigenhand-synergy", "eigenhand-train"]),
-    // It names the compiled plugin so that its library is built beside the program, and uses nothing of it.
-    ("xtask", &["eigenhand-train", "eigenhand-report", "eigenhand-hand-parametric"]),
+    (
+        "eigenhand-train",
+        &[
+            "eigenhand-files",
+            "eigenhand-hands",
+            "eigenhand-mujoco",
+            "eigenhand-rl",
+            "eigenhand-sim",
+            "eigenhand-synergy",
+        ],
+    ),
+    (
+        "eigenhand-bench",
+        &[
+            "eigenhand-hands",
+            "eigenhand-mujoco",
+            "eigenhand-rl",
+            "eigenhand-sim",
+            "eigenhand-synergy",
+            "eigenhand-train",
+        ],
+    ),
+    ("eigenhand-report", &["eigenhand-files", "eigenhand-synergy", "eigenhand-train"]),
+    (
+        "eigenhand-cli",
+        &[
+            "eigenhand-bench",
+            "eigenhand-files",
+            "eigenhand-hands",
+            "eigenhand-mujoco",
+            "eigenhand-onboard",
+            "eigenhand-report",
+            "eigenhand-sim",
+            "eigenhand-train",
+            // So that its library is built beside the program that the tests run.
+            "eigenhand-hand-parametric",
+        ],
+    ),
 ];
+
+/// The developers' command line, which names the compiled plugin so that its library is built beside it.
+const XTASK: (&str, &[&str]) = ("xtask", &["eigenhand-cli", "eigenhand-hands", "eigenhand-hand-parametric"]);
 
 /// The package that may see all others, because it tests them together.
 const TESTS: &str = "eigenhand-tests";
@@ -28,12 +72,12 @@ const MARK: &str = "**Invariant:**";
 /// A sentence of ARCHITECTURE.md after its mark, and what it means for the sources.
 type Invariant = (&'static str, fn(&Graph));
 
-const INVARIANTS: [Invariant; 12] = [
+const INVARIANTS: [Invariant; 15] = [
     ("`hand-abi` depends on nothing.", |g| {
         assert_eq!(g.all("eigenhand-hand-abi"), BTreeSet::new());
     }),
     ("`hands` does not know MuJoCo's library, the simulator or learning.", |g| {
-        g.lacks("eigenhand-hands", &["eigenhand-sim", "eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
+        g.lacks("eigenhand-hands", &["eigenhand-mujoco", "eigenhand-sim", "eigenhand-rl", "eigenhand-train"]);
         lacks_word("crates/hands/src", "mujoco_sys");
         lacks_word("crates/hands/src", "mj_loadXML");
     }),
@@ -41,11 +85,20 @@ const INVARIANTS: [Invariant; 12] = [
         "`hands` opens a library only for the registry, from a place of plugins or a directory that the user named.",
         |_| source::check_openers(),
     ),
+    ("`mujoco` knows no hand, no scene and no task.", |g| {
+        assert_eq!(g.internal("eigenhand-mujoco"), BTreeSet::new());
+        for word in ["hand", "grasp", "finger", "episode"] {
+            lacks_word("crates/mujoco/src", word);
+        }
+    }),
     ("`sim` does not know of learning, replay or synergies.", |g| {
         g.lacks("eigenhand-sim", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
     }),
+    ("`onboard` needs no learner.", |g| {
+        g.lacks("eigenhand-onboard", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
+    }),
     ("`rl` does not know of MuJoCo, hands or grasping.", |g| {
-        g.lacks("eigenhand-rl", &["eigenhand-hands", "eigenhand-sim", "eigenhand-synergy", "libloading", "xmltree"]);
+        g.lacks("eigenhand-rl", &["eigenhand-hands", "eigenhand-mujoco", "eigenhand-sim", "libloading", "xmltree"]);
         for word in ["mujoco", "hand", "grasp", "object", "finger"] {
             lacks_word("crates/rl/src", word);
         }
@@ -56,27 +109,34 @@ const INVARIANTS: [Invariant; 12] = [
         }
     }),
     ("`synergy` does not know of learning, simulation or any hand.", |g| {
-        g.lacks("eigenhand-synergy", &["eigenhand-rl", "eigenhand-sim", "eigenhand-hands", "eigenhand-train"]);
+        assert_eq!(g.internal("eigenhand-synergy"), BTreeSet::new());
+        for word in ["reward", "penalty", "learner", "replay"] {
+            lacks_word("crates/synergy/src", word);
+        }
     }),
-    ("Only `train` knows both the simulator and the learner.", |g| {
-        for (name, _) in ALLOWED {
+    ("`train` alone makes the learner act in the simulator; `bench` measures how fast it does.", |g| {
+        let all = ALLOWED.iter().chain([&XTASK]);
+        for (name, _) in all {
             let direct = g.internal(name);
             let both = direct.contains("eigenhand-sim") && direct.contains("eigenhand-rl");
-            assert_eq!(both, name == "eigenhand-train", "{name} depends on {direct:?}");
+            assert_eq!(both, ["eigenhand-train", "eigenhand-bench"].contains(name), "{name} depends on {direct:?}");
         }
     }),
     ("`report` neither simulates nor learns: it reads what runs left behind.", |g| {
-        g.lacks("eigenhand-report", &["eigenhand-sim", "eigenhand-rl", "eigenhand-hands"]);
+        g.lacks("eigenhand-report", &["eigenhand-sim", "eigenhand-mujoco", "eigenhand-rl", "eigenhand-hands"]);
         for word in ["trainer", "workerpool", "rundirectory"] {
             lacks_word("crates/report/src", word);
         }
     }),
-    ("`xtask` holds no logic that a test would want to call: it uses `train` and `report` alone.", |g| {
-        g.lacks("xtask", &["eigenhand-hands", "eigenhand-sim", "eigenhand-rl", "eigenhand-synergy"]);
+    ("`cli` parses, calls and prints: it reaches the learner and the synergy through `train` alone.", |g| {
+        g.lacks("eigenhand-cli", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-render"]);
+    }),
+    ("`xtask` has no command of a user's of its own: it forwards to `cli`.", |g| {
+        g.lacks("xtask", &["eigenhand-mujoco", "eigenhand-sim", "eigenhand-rl", "eigenhand-train", "eigenhand-report"]);
         lacks_word("xtask/src", "eigenhand_hand_parametric");
     }),
     (
-        "`unsafe` code lives only in `crates/sim/src/ffi`, `crates/hands/src/compiled/library.rs` and \
+        "`unsafe` code lives only in `crates/mujoco/src`, `crates/hands/src/compiled/library.rs` and \
          `crates/hand-abi/src`; a compiled plugin has none but the export that a macro writes.",
         |_| source::check_fences(),
     ),
@@ -132,7 +192,7 @@ fn lacks_word(directory: &str, word: &str) {
 #[test]
 fn every_crate_depends_on_what_the_design_allows() {
     let graph = Graph::read();
-    let allowed: BTreeMap<&str, &[&str]> = ALLOWED.into_iter().collect();
+    let allowed: BTreeMap<&str, &[&str]> = ALLOWED.into_iter().chain([XTASK]).collect();
     for package in &graph.metadata.packages {
         let name = package.name.as_str();
         if name == TESTS {

@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two, before those of the test.
-pub const TINY: [&str; 39] = [
+pub const TINY: [&str; 40] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -65,7 +65,8 @@ pub const TINY: [&str; 39] = [
     "synergy.components=2",
     "synergy.start_after=2",
     "synergy.window=4",
-    "synergy.penalty={ kind = \"saturating\", cap = 0.5 }",
+    "synergy.penalty=literal",
+    "synergy.command_weight=0",
     "task.steps=30",
     "task.final_steps=1",
     "task.goal_height=[0.02, 0.05]",

@@ -8,7 +8,7 @@ use eigenhand_hands::xmltree::Element;
 use crate::support::{registry, workspace};
 
 /// Where `unsafe` code may be.
-const FENCED: [&str; 3] = ["crates/sim/src/ffi", "crates/hands/src/compiled/library.rs", "crates/hand-abi/src"];
+const FENCED: [&str; 3] = ["crates/mujoco/src", "crates/hands/src/compiled/library.rs", "crates/hand-abi/src"];
 
 /// The file of the crate `hands` through which alone a plugin's library is opened, and who may ask it to.
 const LOADER: &str = "compiled.rs";

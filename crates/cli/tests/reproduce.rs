@@ -170,6 +170,6 @@ fn a_wrong_command_line_is_answered_before_anything_is_made() {
     assert!(!place.path("all").exists());
     for arguments in [["report", "nothing"], ["report", "gripper"]] {
         let output = status(&mut place.eigenhand(&arguments), 1);
-        assert!(stderr(&output).contains("no run directory"), "{}", stderr(&output));
+        assert!(stderr(&output).contains("is not a run directory"), "{}", stderr(&output));
     }
 }
