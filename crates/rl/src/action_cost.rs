@@ -1,9 +1,9 @@
-//! A preference among actions that is known in closed form, and so need not be learned by a critic.
+//! A cost of actions that is known in closed form. The critic need not learn it.
 
-/// The cost `(a - mean)^T matrix (a - mean)` of the actor's actions on the transitions that earned enough, about the mean
-/// of those actions in the batch: what they may not vary in.
+/// The cost `(a - mean)^T matrix (a - mean)` of the actor's actions on the transitions of a batch that earned enough. `mean`
+/// is the mean of these actions, so the cost penalises their variation and not their centre.
 ///
-/// It is added to the actor's loss, averaged over the batch; the critic does not see it.
+/// Its mean over the batch is added to the actor's loss. The critic does not know it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActionCost {
     matrix: Vec<f32>,
@@ -12,13 +12,13 @@ pub struct ActionCost {
 }
 
 impl ActionCost {
-    /// Makes a cost that holds for transitions whose reward is greater than `above`.
+    /// Makes a cost for the transitions whose reward is greater than `above`.
     ///
     /// # Shapes
     /// `matrix`: act_dim x act_dim, row-major and symmetric.
     ///
     /// # Panics
-    /// When the matrix has another size.
+    /// If the matrix has another size.
     pub fn new(matrix: Vec<f32>, act_dim: usize, above: f32) -> Self {
         assert_eq!(matrix.len(), act_dim * act_dim, "the matrix is not act_dim x act_dim");
         Self { matrix, act_dim, above }
@@ -29,7 +29,7 @@ impl ActionCost {
         self.act_dim
     }
 
-    /// (deviation from the mean: act_dim) => its cost
+    /// Returns the cost of one action: `(deviation from the mean: act_dim) => cost`
     pub fn cost(&self, deviation: &[f32]) -> f32 {
         let rows = self.matrix.chunks_exact(self.act_dim).zip(deviation);
         rows.map(|(row, d)| d * row.iter().zip(deviation).map(|(m, d)| m * d).sum::<f32>()).sum()
@@ -38,7 +38,7 @@ impl ActionCost {
     /// Adds the gradient of a batch's mean cost and returns that mean.
     ///
     /// # Shapes
-    /// `rewards`: one a row. `actions` and `gradient`: rows of act_dim. `scratch`: 2 x act_dim, written to.
+    /// `rewards`: one for each row. `actions` and `gradient`: rows of act_dim. `scratch`: 2 x act_dim, overwritten.
     pub(crate) fn add_gradient(
         &self,
         rewards: &[f32],
@@ -56,7 +56,7 @@ impl ActionCost {
         let n_earned = earned().count().max(1) as f32;
         mean.iter_mut().for_each(|sum| *sum /= n_earned);
 
-        // The mean moves with the actions, but what a row gains by that all rows lose.
+        // The mean depends on the actions, but its part of the gradient is zero: the deviations from it sum to zero.
         let n = rewards.len() as f32;
         let mut sum = 0.0;
         let rows = rewards.iter().zip(actions.chunks_exact(act_dim)).zip(gradient.chunks_exact_mut(act_dim));

@@ -3,50 +3,39 @@
 use crate::aligned::Aligned;
 use crate::elementwise::{self, AdamCoefficients};
 
-/// Constants of [`Adam`] other than the learning rate; double, because what matters is how far the decays are from 1.
+/// Decay of the first moment.
+// Double precision, because it is the small distance of a decay from 1 that acts.
+const BETA1: f64 = 0.9;
+/// Decay of the second moment.
+const BETA2: f64 = 0.999;
+/// Added to the root of the corrected second moment.
+const EPSILON: f64 = 1e-8;
+
+/// State of the optimiser: two moments for each parameter and the number of steps taken.
 ///
 /// # Source
-/// Kingma and Ba 2015, algorithm 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct AdamConfig {
-    /// Decay of the first moment.
-    pub beta1: f64,
-    /// Decay of the second moment.
-    pub beta2: f64,
-    /// Added to the root of the corrected second moment.
-    pub epsilon: f64,
-}
-
-impl Default for AdamConfig {
-    fn default() -> Self {
-        Self { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
-    }
-}
-
-/// Optimiser state: two moments for each parameter and the number of steps taken.
+/// Kingma and Ba 2015, algorithm 1, with its constants.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Adam {
-    config: AdamConfig,
+pub(crate) struct Adam {
     learning_rate: f32,
-    pub(crate) first_moment: Aligned,
-    pub(crate) second_moment: Aligned,
-    pub(crate) n_steps: u64,
+    pub first_moment: Aligned,
+    pub second_moment: Aligned,
+    pub n_steps: u64,
 }
 
 /// A target network that follows the parameters during a step.
 #[derive(Debug)]
-pub struct Follow<'a> {
+pub(crate) struct Follow<'a> {
     /// Parameters of the target.
     pub target: &'a mut [f32],
-    /// Share of the way that the target goes towards the new parameters.
+    /// Share of the way that the target moves towards the new parameters.
     pub tau: f32,
 }
 
 impl Adam {
     /// Starts with zero moments for `n_parameters` parameters.
-    pub fn new(config: AdamConfig, learning_rate: f32, n_parameters: usize) -> Self {
+    pub fn new(learning_rate: f32, n_parameters: usize) -> Self {
         Self {
-            config,
             learning_rate,
             first_moment: Aligned::zeros(n_parameters),
             second_moment: Aligned::zeros(n_parameters),
@@ -54,7 +43,7 @@ impl Adam {
         }
     }
 
-    /// Sets the learning rate of the steps to come.
+    /// Sets the learning rate of the following steps.
     pub fn set_learning_rate(&mut self, learning_rate: f32) {
         self.learning_rate = learning_rate;
     }
@@ -64,15 +53,10 @@ impl Adam {
         self.learning_rate
     }
 
-    /// Returns the number of steps taken.
-    pub fn n_steps(&self) -> u64 {
-        self.n_steps
-    }
-
-    /// Descends once along `gradient`; with `follow`, a target network moves towards the new parameters in the same pass.
+    /// Descends once along `gradient`. With `follow`, a target network moves towards the new parameters in the same pass.
     ///
     /// # Panics
-    /// When the slices are not as long as the optimiser's moments.
+    /// If the slices are not as long as the optimiser's moments.
     pub fn step(&mut self, parameters: &mut [f32], gradient: &[f32], follow: Option<Follow<'_>>) {
         let n = self.first_moment.len();
         assert_eq!(parameters.len(), n, "parameters and moments differ in length");
@@ -89,19 +73,18 @@ impl Adam {
         }
     }
 
-    // Both bias corrections are folded into the step size and epsilon, which is algorithm 1 exactly.
+    // The step size and epsilon include both bias corrections. The result is exactly that of algorithm 1.
     fn coefficients(&self) -> AdamCoefficients {
-        let AdamConfig { beta1, beta2, epsilon } = self.config;
         let n = self.n_steps as f64;
-        let correction1 = 1.0 - beta1.powf(n);
-        let correction2 = (1.0 - beta2.powf(n)).sqrt();
+        let correction1 = 1.0 - BETA1.powf(n);
+        let correction2 = (1.0 - BETA2.powf(n)).sqrt();
         AdamCoefficients {
-            keep1: beta1 as f32,
-            take1: (1.0 - beta1) as f32,
-            keep2: beta2 as f32,
-            take2: (1.0 - beta2) as f32,
+            keep1: BETA1 as f32,
+            take1: (1.0 - BETA1) as f32,
+            keep2: BETA2 as f32,
+            take2: (1.0 - BETA2) as f32,
             step: (f64::from(self.learning_rate) * correction2 / correction1) as f32,
-            epsilon: (epsilon * correction2) as f32,
+            epsilon: (EPSILON * correction2) as f32,
         }
     }
 }
@@ -112,7 +95,7 @@ mod tests {
 
     #[test]
     fn moments_without_gradients_become_zero_rather_than_subnormal() {
-        let mut adam = Adam::new(AdamConfig::default(), 1e-3, 3);
+        let mut adam = Adam::new(1e-3, 3);
         let mut parameters = [1.0, 1.0, 1.0];
         adam.step(&mut parameters, &[1.0, 1e-6, 0.0], None);
         assert!(adam.first_moment[1] > 0.0 && adam.second_moment[1] > 0.0);

@@ -1,4 +1,4 @@
-//! The learner's whole state as named tensors.
+//! The learner's state as named tensors.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -7,16 +7,16 @@ use crate::ddpg::Learned;
 use crate::tensors::{Tensor, TensorMap};
 use crate::{Ddpg, DdpgConfig, RlError, RunningNormalizer};
 
-const SCHEMA: u64 = 1;
+const SCHEMA: u64 = 2;
 
 impl Ddpg {
-    /// Returns networks, targets, optimisers and normalisers as named tensors. The configuration is not among them.
+    /// Returns networks, targets, optimisers and normalisers as named tensors. They do not hold the configuration.
     pub fn to_tensors(&self) -> TensorMap {
         let mut tensors = TensorMap::default();
         tensors.insert("schema", Tensor::u64(SCHEMA));
         tensors.insert("n_updates", Tensor::u64(self.n_updates));
-        for (name, learned) in self.learned() {
-            tensors.insert_network(&name, &learned.online);
+        for (name, learned) in [("actor", &self.actor), ("critic", &self.critic)] {
+            tensors.insert_network(name, &learned.online);
             tensors.insert_network(&format!("{name}_target"), &learned.target);
             tensors.insert_layers(&format!("{name}_adam.first_moment"), &learned.online, &learned.adam.first_moment);
             tensors.insert_layers(&format!("{name}_adam.second_moment"), &learned.online, &learned.adam.second_moment);
@@ -33,11 +33,11 @@ impl Ddpg {
         tensors
     }
 
-    /// Rebuilds a learner from the configuration and sizes it was made with and its tensors.
+    /// Rebuilds a learner from its tensors and from the configuration and sizes with which it was made.
     ///
     /// # Errors
-    /// As [`new`](Self::new); and an error that names the tensor when one is missing, unexpected, of another shape or type,
-    /// or holds a value that no learner has.
+    /// As [`new`](Self::new). Also an error that names a tensor if it is missing, is not expected, has another shape or
+    /// type, or holds a value that no learner has.
     pub fn from_tensors(
         config: DdpgConfig,
         obs_dim: usize,
@@ -47,18 +47,15 @@ impl Ddpg {
     ) -> Result<Self, RlError> {
         let schema = tensors.u64("schema")?;
         if schema != SCHEMA {
-            return Err(value_error("schema", "1", schema));
+            let (name, expected) = ("schema".to_owned(), "the schema of this version");
+            return Err(RlError::TensorValue { name, expected, got: schema.to_string() });
         }
-        // The drawn weights are all overwritten below.
+        // The lines below overwrite all weights that are drawn here.
         let mut learner = Self::new(config, obs_dim, goal_dim, act_dim, &mut ChaCha8Rng::seed_from_u64(0))?;
         let normalizer = learner.config.normalizer;
-        let mut learned = vec![("actor".to_owned(), &mut learner.actor)];
-        learned.extend(learner.critics.iter_mut().enumerate().map(|(i, c)| (critic_name(i), c)));
-        for (name, network) in learned {
-            read_learned(tensors, &name, network)?;
-        }
-        let layout = learner.average.clone();
-        tensors.read_layers("actor_average", &layout, learner.average.parameters_mut())?;
+        read_learned(tensors, "actor", &mut learner.actor)?;
+        read_learned(tensors, "critic", &mut learner.critic)?;
+        tensors.read_network("actor_average", &mut learner.average)?;
         learner.n_updates = tensors.u64("n_updates")?;
         learner.observation = read_normalizer(tensors, "observation", normalizer, obs_dim)?;
         learner.goal = read_normalizer(tensors, "goal", normalizer, goal_dim)?;
@@ -68,46 +65,14 @@ impl Ddpg {
             None => Ok(learner),
         }
     }
-
-    /// Returns [`to_tensors`](Self::to_tensors) in the safetensors format.
-    ///
-    /// # Errors
-    /// As [`TensorMap::save_bytes`].
-    pub fn save_bytes(&self) -> Result<Vec<u8>, RlError> {
-        self.to_tensors().save_bytes()
-    }
-
-    /// Reads what [`save_bytes`](Self::save_bytes) wrote.
-    ///
-    /// # Errors
-    /// As [`TensorMap::load_bytes`] and [`from_tensors`](Self::from_tensors).
-    pub fn load_bytes(
-        config: DdpgConfig,
-        obs_dim: usize,
-        goal_dim: usize,
-        act_dim: usize,
-        bytes: &[u8],
-    ) -> Result<Self, RlError> {
-        Self::from_tensors(config, obs_dim, goal_dim, act_dim, &TensorMap::load_bytes(bytes)?)
-    }
-
-    fn learned(&self) -> impl Iterator<Item = (String, &Learned)> {
-        let critics = self.critics.iter().enumerate().map(|(i, c)| (critic_name(i), c));
-        std::iter::once(("actor".to_owned(), &self.actor)).chain(critics)
-    }
-}
-
-fn critic_name(index: usize) -> String {
-    format!("critic{index}")
 }
 
 fn read_learned(tensors: &TensorMap, name: &str, learned: &mut Learned) -> Result<(), RlError> {
     let Learned { online, target, adam } = learned;
-    let layout = online.clone();
-    tensors.read_layers(name, &layout, online.parameters_mut())?;
-    tensors.read_layers(&format!("{name}_target"), &layout, target.parameters_mut())?;
-    tensors.read_layers(&format!("{name}_adam.first_moment"), &layout, &mut adam.first_moment)?;
-    tensors.read_layers(&format!("{name}_adam.second_moment"), &layout, &mut adam.second_moment)?;
+    tensors.read_network(name, online)?;
+    tensors.read_network(&format!("{name}_target"), target)?;
+    tensors.read_layers(&format!("{name}_adam.first_moment"), online.layers(), &mut adam.first_moment)?;
+    tensors.read_layers(&format!("{name}_adam.second_moment"), online.layers(), &mut adam.second_moment)?;
     adam.n_steps = tensors.u64(&format!("{name}_adam.n_steps"))?;
     adam.set_learning_rate(tensors.f32s(&format!("{name}_adam.learning_rate"), &[1])?[0]);
     Ok(())
@@ -123,8 +88,4 @@ fn read_normalizer(
     let sum = tensors.f64s(&format!("{name}.sum"), &[dim])?.to_vec();
     let squares = tensors.f64s(&format!("{name}.sum_of_squares"), &[dim])?.to_vec();
     Ok(RunningNormalizer::from_sums(config, count, sum, squares))
-}
-
-fn value_error(name: &str, expected: &'static str, got: impl ToString) -> RlError {
-    RlError::TensorValue { name: name.to_owned(), expected, got: got.to_string() }
 }

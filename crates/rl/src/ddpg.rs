@@ -1,15 +1,12 @@
 //! Deep deterministic policy gradient: two networks, their slow targets, and one update.
 
-use rand::{Rng, RngExt};
-use rand_distr::StandardNormal;
+use rand::Rng;
 
-use crate::adam::Follow;
+use crate::adam::{Adam, Follow};
 use crate::aligned::Aligned;
 use crate::config::ACTION_L2_DIMENSIONS;
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
-use crate::{
-    ActionCost, Adam, AdamConfig, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, Which, elementwise,
-};
+use crate::{ActionCost, ActorChoice, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, elementwise};
 
 /// A network, the target that follows it, and its optimiser.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,52 +18,46 @@ pub(crate) struct Learned {
 
 impl Learned {
     fn new(online: Mlp, learning_rate: f32) -> Self {
-        let adam = Adam::new(AdamConfig::default(), learning_rate, online.parameters().len());
+        let adam = Adam::new(learning_rate, online.parameters().len());
         Self { target: online.clone(), online, adam }
     }
 
-    /// Descends, and lets the target follow when `tau` is given.
+    /// Descends along the gradient. With `tau` the target follows in the same pass.
     fn step(&mut self, gradient: &[f32], tau: Option<f32>) {
         let follow = tau.map(|tau| Follow { target: self.target.parameters_mut(), tau });
         self.adam.step(self.online.parameters_mut(), gradient, follow);
     }
-
-    fn follow(&mut self, tau: Option<f32>) {
-        if let Some(tau) = tau {
-            elementwise::polyak(tau, self.online.parameters(), self.target.parameters_mut());
-        }
-    }
 }
 
-/// What one update did.
+/// The logged numbers of one update.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UpdateStats {
-    /// Mean squared difference of the first critic's values and the targets.
+    /// Mean squared difference of the critic's values and the targets.
     pub critic_loss: f32,
-    /// The actor's loss, `None` when the actor was not updated.
-    pub actor_loss: Option<f32>,
-    /// Mean value of the batch's actions by the first critic.
+    /// Loss of the actor.
+    pub actor_loss: f32,
+    /// Mean value that the critic gives the batch's actions.
     pub q_mean: f32,
     /// Mean target.
     pub target_mean: f32,
     /// Share of targets that were clipped.
     pub clipped_share: f32,
-    /// Mean square of the actor's actions, `None` when the actor was not updated.
-    pub action_square_mean: Option<f32>,
+    /// Mean square of the actor's actions.
+    pub action_square_mean: f32,
 }
 
 impl UpdateStats {
-    /// Returns whether every number is finite; if not, learning has diverged.
+    /// Returns whether every number is finite. If one is not, learning has diverged.
     pub fn is_finite(&self) -> bool {
-        let always = [self.critic_loss, self.q_mean, self.target_mean];
-        always.into_iter().chain(self.actor_loss).chain(self.action_square_mean).all(f32::is_finite)
+        let Self { critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean } = *self;
+        [critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean].into_iter().all(f32::is_finite)
     }
 }
 
-/// The learner: actor, one or two critics, their targets and optimisers, and the normalisers of their inputs.
+/// The learner: actor and critic, their targets and optimisers, and the normalisers of their inputs.
 ///
-/// The actor reads normalised observation and normalised goal; the critic reads the action after them. An episode's end
-/// is a time limit and never a terminal state, so every target looks ahead to the next state's value.
+/// The actor reads the normalised observation and the normalised goal. The critic reads the same and then the action. An
+/// episode ends at a time limit and never in a terminal state, so every target includes the value of the next state.
 ///
 /// # Source
 /// Lillicrap et al. 2016, algorithm 1, with the losses of OpenAI baselines HER.
@@ -74,9 +65,9 @@ impl UpdateStats {
 pub struct Ddpg {
     pub(crate) config: DdpgConfig,
     pub(crate) actor: Learned,
-    /// Slow average of the actor, which nothing is learned from.
+    /// Slow average of the actor. Nothing is learned from it.
     pub(crate) average: Mlp,
-    pub(crate) critics: Vec<Learned>,
+    pub(crate) critic: Learned,
     pub(crate) observation: RunningNormalizer,
     pub(crate) goal: RunningNormalizer,
     pub(crate) n_updates: u64,
@@ -84,10 +75,10 @@ pub struct Ddpg {
     scratch: Scratch,
 }
 
-/// Everything an update writes to besides the networks, sized once.
+/// Everything that an update writes besides the networks. It is allocated once.
 #[derive(Clone, Debug)]
 struct Scratch {
-    /// Normalised observation, normalised goal and action, batch x (all three); the actor reads the front of each row.
+    /// Rows of normalised observation, normalised goal and action. The actor reads the first two parts of each row.
     input: Aligned,
     next_input: Aligned,
     targets: Vec<f32>,
@@ -105,7 +96,7 @@ impl Ddpg {
     /// Makes a learner with fresh networks.
     ///
     /// # Errors
-    /// [`RlError::Config`] when a constant is out of range or a size is 0.
+    /// [`RlError::Config`] if a constant is out of range or a size is 0.
     pub fn new(
         config: DdpgConfig,
         obs_dim: usize,
@@ -124,12 +115,10 @@ impl Ddpg {
             std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect()
         };
         let actor = Mlp::new(&sizes(state, act_dim), OutputActivation::Tanh, rng);
-        let n_critics = if config.twin_critics { 2 } else { 1 };
-        let critics: Vec<Learned> = (0..n_critics)
-            .map(|_| Mlp::new(&sizes(state + act_dim, 1), OutputActivation::Linear, rng))
-            .map(|net| if config.critic_layer_norm { net.with_layer_norm() } else { net })
-            .map(|net| Learned::new(net, config.critic_lr))
-            .collect();
+        let mut critic = Mlp::new(&sizes(state + act_dim, 1), OutputActivation::Linear, rng);
+        if config.critic_layer_norm {
+            critic = critic.with_layer_norm();
+        }
         let batch = config.batch_size;
         let scratch = Scratch {
             input: Aligned::zeros(batch * (state + act_dim)),
@@ -139,14 +128,14 @@ impl Ddpg {
             action_gradient: vec![0.0; batch * act_dim],
             deviations: vec![0.0; 2 * act_dim],
             actor: actor.scratch(batch),
-            critic: critics[0].online.scratch(batch),
+            critic: critic.scratch(batch),
             actor_gradient: Aligned::zeros(actor.parameters().len()),
-            critic_gradient: Aligned::zeros(critics[0].online.parameters().len()),
+            critic_gradient: Aligned::zeros(critic.parameters().len()),
         };
         Ok(Self {
             average: actor.clone(),
             actor: Learned::new(actor, config.actor_lr),
-            critics,
+            critic: Learned::new(critic, config.critic_lr),
             observation: RunningNormalizer::new(config.normalizer, obs_dim),
             goal: RunningNormalizer::new(config.normalizer, goal_dim),
             n_updates: 0,
@@ -156,111 +145,70 @@ impl Ddpg {
         })
     }
 
-    /// Takes rows into the statistics of the inputs.
+    /// Adds rows to the statistics of the inputs.
     ///
     /// # Shapes
-    /// `observations`: rows of obs_dim. `goals`: rows of goal_dim; the numbers of rows need not be equal.
+    /// `observations`: rows of obs_dim. `goals`: rows of goal_dim. The two may differ in their number of rows.
     ///
     /// # Panics
-    /// When a slice does not hold whole rows.
+    /// If a slice does not hold whole rows.
     pub fn update_normalizers(&mut self, observations: &[f32], goals: &[f32]) {
         self.observation.update(observations);
         self.goal.update(goals);
     }
 
-    /// Learns once from a batch: the critics towards their targets, then the actor along the first critic, then the
-    /// targets. `rng` is drawn from only when `target_smoothing` is above 0.
+    /// Learns once from a batch. The critic descends towards its targets, then the actor ascends the critic's value. Each
+    /// target network follows its network, and the averaged actor follows the actor.
     ///
-    /// The threads of the pool that it is called in (`rayon::ThreadPool::install`, or the global one) share the matrix
-    /// products. The result does not depend on their number.
+    /// The threads of the rayon pool in which it is called (`rayon::ThreadPool::install`, or the global one) share the
+    /// matrix products. The result does not depend on their number.
     ///
     /// # Panics
-    /// When the batch has other sizes than the configuration and [`new`](Self::new) were given.
-    pub fn update(&mut self, batch: &Batch, rng: &mut impl Rng) -> UpdateStats {
-        let n_updates = self.n_updates + 1;
-        let tau = n_updates.is_multiple_of(self.config.target_update_every).then_some(self.config.tau);
-        let update_actor = n_updates.is_multiple_of(self.config.actor_delay);
-
+    /// If the batch has other sizes than the configuration and [`new`](Self::new) were given.
+    pub fn update(&mut self, batch: &Batch) -> UpdateStats {
+        self.n_updates += 1;
+        let tau = self.n_updates.is_multiple_of(self.config.target_update_every).then_some(self.config.tau);
         self.fill_inputs(batch);
-        let (target_mean, clipped_share) = self.compute_targets(batch, rng);
-        let (critic_loss, q_mean) = self.update_critics(tau);
-        let (actor_loss, action_square_mean) = if update_actor {
-            let (loss, square) = self.update_actor(tau, &batch.rewards);
-            (Some(loss), Some(square))
-        } else {
-            self.actor.follow(tau);
-            (None, None)
-        };
-        let share = self.config.average_share(n_updates);
+        let (target_mean, clipped_share) = self.compute_targets(&batch.rewards);
+        let (critic_loss, q_mean) = self.update_critic(tau);
+        let (actor_loss, action_square_mean) = self.update_actor(tau, &batch.rewards);
+        let share = self.config.average_share(self.n_updates);
         elementwise::polyak(share, self.actor.online.parameters(), self.average.parameters_mut());
-        self.n_updates = n_updates;
         UpdateStats { critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean }
     }
 
-    /// Takes a snapshot for collecting episodes.
-    pub fn policy(&self, which: Which) -> Policy {
-        let actor = match which {
-            Which::Online => &self.actor.online,
-            Which::Target => &self.actor.target,
-            Which::Average => &self.average,
+    /// Copies an actor and the normalisers, to collect episodes with them.
+    pub fn policy(&self, choice: ActorChoice) -> Policy {
+        let actor = match choice {
+            ActorChoice::Online => &self.actor.online,
+            ActorChoice::Target => &self.actor.target,
+            ActorChoice::Average => &self.average,
         };
         Policy::new(actor.clone(), self.observation.clone(), self.goal.clone())
     }
 
-    /// Sets the learning rates of the updates to come.
+    /// Sets the learning rates of the following updates.
     pub fn set_learning_rates(&mut self, actor: f32, critic: f32) {
         self.actor.adam.set_learning_rate(actor);
-        for c in &mut self.critics {
-            c.adam.set_learning_rate(critic);
-        }
+        self.critic.adam.set_learning_rate(critic);
     }
 
-    /// Sets what the actor's actions cost besides `action_l2` in the updates to come. It is not part of a checkpoint.
+    /// Sets the cost that the following updates add to the actor's loss, besides that of `action_l2`. A checkpoint does not
+    /// hold it.
     ///
     /// # Panics
-    /// When it is a cost of actions of another size.
+    /// If the cost is for actions of another size.
     pub fn set_action_cost(&mut self, cost: Option<ActionCost>) {
-        assert!(cost.as_ref().is_none_or(|cost| cost.act_dim() == self.act_dim()), "the cost is of other actions");
+        assert!(cost.as_ref().is_none_or(|cost| cost.act_dim() == self.act_dim()), "the cost is for other actions");
         self.action_cost = cost;
     }
 
-    /// Returns the number of updates so far.
-    pub fn n_updates(&self) -> u64 {
-        self.n_updates
-    }
-
-    /// Returns the constants.
-    pub fn config(&self) -> &DdpgConfig {
-        &self.config
-    }
-
-    /// Returns the statistics of the observations.
-    pub fn observation_normalizer(&self) -> &RunningNormalizer {
-        &self.observation
-    }
-
-    /// Returns the statistics of the goals.
-    pub fn goal_normalizer(&self) -> &RunningNormalizer {
-        &self.goal
-    }
-
-    /// Returns the number of values in an observation.
-    pub fn obs_dim(&self) -> usize {
-        self.observation.dim()
-    }
-
-    /// Returns the number of values in a goal.
-    pub fn goal_dim(&self) -> usize {
-        self.goal.dim()
-    }
-
-    /// Returns the number of values in an action.
-    pub fn act_dim(&self) -> usize {
+    fn act_dim(&self) -> usize {
         self.actor.online.outputs()
     }
 
     fn fill_inputs(&mut self, batch: &Batch) {
-        let (obs_dim, goal_dim, act_dim) = (self.obs_dim(), self.goal_dim(), self.act_dim());
+        let (obs_dim, goal_dim, act_dim) = (self.observation.dim(), self.goal.dim(), self.act_dim());
         let state = obs_dim + goal_dim;
         let n = self.config.batch_size;
         assert_eq!(batch.len, n, "the batch is not of the configured size");
@@ -278,34 +226,18 @@ impl Ddpg {
         }
     }
 
-    /// Fills `targets`; returns their mean and the share that was clipped.
-    fn compute_targets(&mut self, batch: &Batch, rng: &mut impl Rng) -> (f32, f32) {
+    /// Fills `targets`. Returns their mean and the share that was clipped.
+    fn compute_targets(&mut self, rewards: &[f32]) -> (f32, f32) {
         let act_dim = self.act_dim();
         let Scratch { next_input, targets, actor, critic, .. } = &mut self.scratch;
         let stride = next_input.len() / targets.len();
         let actions = self.actor.target.forward(Rows { data: next_input, stride }, actor);
         write_actions(next_input, stride, actions, act_dim);
-        if self.config.target_smoothing > 0.0 {
-            let clip = self.config.target_smoothing_clip;
-            for row in next_input.chunks_exact_mut(stride) {
-                for a in &mut row[stride - act_dim..] {
-                    let noise = self.config.target_smoothing * rng.sample::<f32, _>(StandardNormal);
-                    *a = (*a + noise.clamp(-clip, clip)).clamp(-1.0, 1.0);
-                }
-            }
-        }
-        for (i, c) in self.critics.iter().enumerate() {
-            let values = c.target.forward(Rows { data: next_input, stride }, critic);
-            if i == 0 {
-                targets.copy_from_slice(values);
-            } else {
-                targets.iter_mut().zip(values).for_each(|(t, v)| *t = if *v > *t { *t } else { *v });
-            }
-        }
+        let values = self.critic.target.forward(Rows { data: next_input, stride }, critic);
         let least = self.config.least_target();
         let (mut sum, mut n_clipped) = (0.0, 0u32);
-        for (target, reward) in targets.iter_mut().zip(&batch.rewards) {
-            *target = reward + self.config.gamma * *target;
+        for ((target, value), reward) in targets.iter_mut().zip(values).zip(rewards) {
+            *target = reward + self.config.gamma * value;
             if self.config.clip_targets {
                 let clipped = target.clamp(least, 0.0);
                 n_clipped += u32::from(clipped != *target);
@@ -317,26 +249,22 @@ impl Ddpg {
         (sum / n, n_clipped as f32 / n)
     }
 
-    /// Returns loss and mean value of the first critic.
-    fn update_critics(&mut self, tau: Option<f32>) -> (f32, f32) {
+    /// Returns the loss and the mean value.
+    fn update_critic(&mut self, tau: Option<f32>) -> (f32, f32) {
         let Scratch { input, targets, value_gradient, critic: scratch, critic_gradient, .. } = &mut self.scratch;
         let n = targets.len() as f32;
         let x = Rows { data: input, stride: input.len() / targets.len() };
-        let mut first = None;
-        for critic in &mut self.critics {
-            let values = critic.online.forward(x, scratch);
-            let (mut loss, mut sum) = (0.0, 0.0);
-            for ((gradient, value), target) in value_gradient.iter_mut().zip(values).zip(targets.iter()) {
-                let difference = value - target;
-                *gradient = 2.0 * difference / n;
-                loss += difference * difference;
-                sum += value;
-            }
-            first.get_or_insert((loss / n, sum / n));
-            critic.online.backward(x, value_gradient, scratch, Some(critic_gradient), None);
-            critic.step(critic_gradient, tau);
+        let values = self.critic.online.forward(x, scratch);
+        let (mut loss, mut sum) = (0.0, 0.0);
+        for ((gradient, value), target) in value_gradient.iter_mut().zip(values).zip(targets.iter()) {
+            let difference = value - target;
+            *gradient = 2.0 * difference / n;
+            loss += difference * difference;
+            sum += value;
         }
-        first.unwrap_or((0.0, 0.0))
+        self.critic.online.backward(x, value_gradient, scratch, Some(critic_gradient), None);
+        self.critic.step(critic_gradient, tau);
+        (loss / n, sum / n)
     }
 
     /// Returns the loss and the mean square of the actions.
@@ -352,10 +280,10 @@ impl Ddpg {
         let l2 = action_l2(&self.config, act_dim);
 
         let x = Rows { data: input, stride };
-        let value_mean = self.critics[0].online.forward(x, critic).iter().sum::<f32>() / n as f32;
+        let value_mean = self.critic.online.forward(x, critic).iter().sum::<f32>() / n as f32;
         value_gradient.fill(-1.0 / n as f32);
         let wanted = InputGradient { first: stride - act_dim, out: action_gradient };
-        self.critics[0].online.backward(x, value_gradient, critic, None, Some(wanted));
+        self.critic.online.backward(x, value_gradient, critic, None, Some(wanted));
 
         let slope = 2.0 * l2 / (n * act_dim) as f32;
         action_gradient.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += slope * a);
@@ -369,8 +297,8 @@ impl Ddpg {
     }
 }
 
-/// The factor on the mean square of the actions. Where there are few, each would count for more of that mean than where the
-/// factor comes from, and would outweigh what little the value says at first.
+/// Returns the factor on the mean square of the actions. With few actions, each is a larger part of that mean than in the
+/// hand for which the factor was chosen. It would then outweigh the value, which says little at first.
 fn action_l2(config: &DdpgConfig, act_dim: usize) -> f32 {
     config.action_l2 * (act_dim as f32 / ACTION_L2_DIMENSIONS).min(1.0)
 }

@@ -4,10 +4,10 @@ use sha2::{Digest, Sha256};
 
 use crate::RlError;
 
-/// Sizes of an episode.
+/// Sizes of an episode's arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EpisodeShape {
-    /// Steps, T.
+    /// Number of steps, T.
     pub n_steps: usize,
     /// Numbers in an observation.
     pub obs_dim: usize,
@@ -15,38 +15,36 @@ pub struct EpisodeShape {
     pub goal_dim: usize,
     /// Numbers in an action.
     pub act_dim: usize,
-    /// Numbers a step carries for the reward alone.
+    /// Numbers that each step stores for the reward alone.
     pub fact_dim: usize,
 }
 
-/// An episode: what was seen, done and earned, step by step.
+/// The observations, goals and actions of one episode, and the facts from which its rewards are computed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct EpisodeData {
     /// Sizes of the arrays below.
     pub shape: EpisodeShape,
     /// Observations, (T + 1) x obs_dim.
     pub observations: Vec<f32>,
-    /// Goals that were achieved, (T + 1) x goal_dim.
+    /// Achieved goals, (T + 1) x goal_dim.
     pub achieved_goals: Vec<f32>,
-    /// The goal that was desired, goal_dim.
+    /// Desired goal, goal_dim.
     pub desired_goal: Vec<f32>,
     /// Actions, T x act_dim.
     pub actions: Vec<f32>,
-    /// What the reward needs beside goals and observation, T x fact_dim; opaque here.
+    /// Inputs of the reward besides goals and observation, T x fact_dim. Only the caller knows their meaning.
     pub facts: Vec<f32>,
-    /// Rewards as they were earned with the desired goal, T.
-    pub rewards: Vec<f32>,
 }
 
 const MAGIC: &[u8; 8] = b"EHEPISOD";
-const SCHEMA: u32 = 1;
+const SCHEMA: u32 = 2;
 const N_DIMS: usize = 5;
 const HEADER: usize = MAGIC.len() + size_of::<u32>() * (1 + N_DIMS);
 const CHECKSUM: usize = 8;
 
 impl EpisodeShape {
-    /// Lengths of the six arrays in the order in which they are written, `None` when one overflows.
-    fn lengths(&self) -> Option<[usize; 6]> {
+    /// Returns the lengths of the arrays in the order in which they are written, or `None` if one overflows.
+    fn lengths(&self) -> Option<[usize; 5]> {
         let rows = self.n_steps.checked_add(1)?;
         Some([
             rows.checked_mul(self.obs_dim)?,
@@ -54,7 +52,6 @@ impl EpisodeShape {
             self.goal_dim,
             self.n_steps.checked_mul(self.act_dim)?,
             self.n_steps.checked_mul(self.fact_dim)?,
-            self.n_steps,
         ])
     }
 
@@ -65,7 +62,7 @@ impl EpisodeShape {
 }
 
 impl EpisodeData {
-    /// Makes an episode of zeros, to be filled in.
+    /// Makes an episode of zeros, for the caller to fill in.
     pub fn zeros(shape: EpisodeShape) -> Self {
         let rows = shape.n_steps + 1;
         Self {
@@ -75,7 +72,6 @@ impl EpisodeData {
             desired_goal: vec![0.0; shape.goal_dim],
             actions: vec![0.0; shape.n_steps * shape.act_dim],
             facts: vec![0.0; shape.n_steps * shape.fact_dim],
-            rewards: vec![0.0; shape.n_steps],
         }
     }
 
@@ -84,7 +80,7 @@ impl EpisodeData {
         row(&self.observations, t, self.shape.obs_dim)
     }
 
-    /// Returns the goal achieved before step `t`, `t <= T`.
+    /// Returns the goal that was achieved before step `t`, `t <= T`.
     pub fn achieved_goal(&self, t: usize) -> &[f32] {
         row(&self.achieved_goals, t, self.shape.goal_dim)
     }
@@ -99,10 +95,10 @@ impl EpisodeData {
         row(&self.facts, t, self.shape.fact_dim)
     }
 
-    /// Checks that every array is as long as the shape says and every number is finite.
+    /// Checks that every array has the length that follows from the shape, and that every number is finite.
     ///
     /// # Errors
-    /// [`RlError::Length`] or [`RlError::NotFinite`], with the name of the array.
+    /// [`RlError::Length`] or [`RlError::NotFinite`], which name the array.
     pub fn validate(&self) -> Result<(), RlError> {
         let overflow = RlError::Length { name: "episode", expected: usize::MAX, got: 0 };
         let lengths = self.shape.lengths().ok_or(overflow)?;
@@ -117,11 +113,11 @@ impl EpisodeData {
         Ok(())
     }
 
-    /// Appends the episode's record to `out`: header, arrays and a checksum, all little-endian.
+    /// Returns the episode's record: a header, the arrays and a checksum, all little-endian.
     ///
     /// # Errors
-    /// As [`validate`](Self::validate), and [`RlError::Length`] when a size does not fit 32 bits; `out` is then unchanged.
-    pub fn write_bytes(&self, out: &mut Vec<u8>) -> Result<(), RlError> {
+    /// As [`validate`](Self::validate), and [`RlError::Length`] if a size does not fit 32 bits.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, RlError> {
         self.validate()?;
         let EpisodeShape { n_steps, obs_dim, goal_dim, act_dim, fact_dim } = self.shape;
         let mut dims = [0u32; N_DIMS];
@@ -129,45 +125,23 @@ impl EpisodeData {
             let too_long = RlError::Length { name: "episode", expected: u32::MAX as usize, got: n };
             *dim = u32::try_from(n).map_err(|_| too_long)?;
         }
-        let start = out.len();
+        let mut out = Vec::with_capacity(self.shape.record_len().unwrap_or(0));
         out.extend_from_slice(MAGIC);
         out.extend_from_slice(&SCHEMA.to_le_bytes());
         out.extend(dims.iter().flat_map(|n| n.to_le_bytes()));
         for (_, array) in self.arrays() {
             out.extend(array.iter().flat_map(|x| x.to_le_bytes()));
         }
-        let sum = checksum(&out[start..]);
+        let sum = checksum(&out);
         out.extend_from_slice(&sum);
-        Ok(())
-    }
-
-    /// Returns the episode's record; see [`write_bytes`](Self::write_bytes).
-    ///
-    /// # Errors
-    /// As [`write_bytes`](Self::write_bytes).
-    pub fn to_bytes(&self) -> Result<Vec<u8>, RlError> {
-        let mut out = Vec::with_capacity(self.shape.record_len().unwrap_or(0));
-        self.write_bytes(&mut out)?;
         Ok(out)
     }
 
-    /// Reads one record and nothing after it.
+    /// Reads the record with which `bytes` begin. Returns the episode and the bytes after the record.
     ///
     /// # Errors
-    /// As [`read_prefix`](Self::read_prefix), and [`RlError::EpisodeCorrupt`] when bytes follow the record.
-    pub fn from_bytes(bytes: &[u8]) -> Result<Self, RlError> {
-        let (episode, rest) = Self::read_prefix(bytes)?;
-        if rest.is_empty() {
-            return Ok(episode);
-        }
-        Err(corrupt("length", bytes.len() - rest.len(), bytes.len()))
-    }
-
-    /// Reads the record at the front of `bytes`; returns it and the bytes that follow.
-    ///
-    /// # Errors
-    /// [`RlError::EpisodeTruncated`] when the bytes end early, [`RlError::EpisodeCorrupt`] when they are no record or were
-    /// altered, and as [`validate`](Self::validate).
+    /// [`RlError::EpisodeTruncated`] if the bytes end before the record does. [`RlError::EpisodeCorrupt`] if they are not a
+    /// record of this version, or were altered. Also as [`validate`](Self::validate).
     pub fn read_prefix(bytes: &[u8]) -> Result<(Self, &[u8]), RlError> {
         let known = bytes.len().min(MAGIC.len());
         if bytes[..known] != MAGIC[..known] {
@@ -193,24 +167,23 @@ impl EpisodeData {
             return Err(corrupt("checksum", format!("{sum:02x?}"), format!("{stored:02x?}")));
         }
         let mut payload = &content[HEADER..];
-        let [observations, achieved_goals, desired_goal, actions, facts, rewards] = lengths.map(|n| {
+        let [observations, achieved_goals, desired_goal, actions, facts] = lengths.map(|n| {
             let (array, after) = payload.split_at(n * size_of::<f32>());
             payload = after;
             array.chunks_exact(4).map(|b| f32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect::<Vec<f32>>()
         });
-        let episode = Self { shape, observations, achieved_goals, desired_goal, actions, facts, rewards };
+        let episode = Self { shape, observations, achieved_goals, desired_goal, actions, facts };
         episode.validate()?;
         Ok((episode, rest))
     }
 
-    fn arrays(&self) -> [(&'static str, &[f32]); 6] {
+    fn arrays(&self) -> [(&'static str, &[f32]); 5] {
         [
             ("observations", &self.observations),
             ("achieved_goals", &self.achieved_goals),
             ("desired_goal", &self.desired_goal),
             ("actions", &self.actions),
             ("facts", &self.facts),
-            ("rewards", &self.rewards),
         ]
     }
 }

@@ -1,4 +1,4 @@
-//! What can go wrong.
+//! Errors.
 
 /// An error of this crate.
 #[derive(Debug, thiserror::Error)]
@@ -9,107 +9,113 @@ pub enum RlError {
     Config {
         /// The field's name.
         field: &'static str,
-        /// The values that are accepted.
+        /// The accepted values.
         expected: &'static str,
-        /// The value found.
+        /// The given value.
         got: String,
     },
-    /// A slice has another length than its shape says.
+    /// An array does not have the length that follows from the sizes.
     #[error("`{name}` must hold {expected} values, got {got}")]
     Length {
         /// Name of the array.
         name: &'static str,
-        /// Length that the shape asks for.
+        /// Required length.
         expected: usize,
-        /// Length found.
+        /// Given length.
         got: usize,
     },
-    /// An episode has another shape than the replay it is pushed to.
-    #[error(
-        "the replay holds episodes of {expected:?}, got {got:?}: episodes of different shape need different replays"
-    )]
+    /// An episode has another shape than the replay.
+    #[error("the replay holds episodes of {expected:?}, got {got:?}: store this episode in another replay")]
     EpisodeShape {
-        /// Shape of the episodes in the replay.
+        /// Shape of the replay's episodes.
         expected: Box<crate::EpisodeShape>,
-        /// Shape of the episode found.
+        /// Shape of the new episode.
         got: Box<crate::EpisodeShape>,
     },
     /// An episode holds a number that is not finite.
-    #[error("`{name}` of an episode holds {got} at index {index}: find the step that produced it, nothing was stored")]
+    #[error("`{name}` of an episode holds {got} at index {index}: find the step that produced it; nothing was stored")]
     NotFinite {
         /// Name of the array.
         name: &'static str,
         /// Index in the flat array.
         index: usize,
-        /// The value found.
+        /// The value.
         got: f32,
     },
-    /// A batch is asked from a replay without episodes.
-    #[error("the replay holds no episode yet: push one before sampling a batch")]
+    /// A batch was requested from a replay without episodes.
+    #[error("the replay holds no episode: push one before you sample a batch")]
     EmptyReplay,
-    /// Bytes end before the episode that they announce; the end of a log that was cut while being written.
-    #[error("an episode of {expected} bytes is cut after {got}: drop the tail of the log")]
+    /// The bytes end inside an episode's record, as in a log whose last write was interrupted.
+    #[error("the last episode has {got} of {expected} bytes: remove it from the end of the log")]
     EpisodeTruncated {
-        /// Bytes needed.
+        /// Length of the record.
         expected: usize,
-        /// Bytes found.
+        /// Bytes from its beginning to the end.
         got: usize,
     },
-    /// Bytes are not an episode, or were altered.
-    #[error("not a valid episode record: {name} should be {expected}, got {got}")]
+    /// The bytes are not an episode's record of this version, or were altered.
+    #[error(
+        "not an episode record: {name} should be {expected}, got {got}: the file is damaged, or another version of this \
+         program wrote it"
+    )]
     EpisodeCorrupt {
-        /// The part of the record that is wrong.
+        /// The wrong part of the record.
         name: &'static str,
-        /// What it should be.
+        /// Its expected value.
         expected: String,
-        /// What it is.
+        /// Its value.
         got: String,
     },
-    /// A tensor is absent.
-    #[error("tensor `{name}` is missing: the file was written with another configuration or is no checkpoint")]
+    /// A tensor is missing.
+    #[error(
+        "tensor `{name}` is missing: the file is not a checkpoint, or was written with another configuration or version"
+    )]
     TensorMissing {
         /// The tensor's name.
         name: String,
     },
-    /// A tensor is present that the configuration does not ask for.
-    #[error("tensor `{name}` is not expected: the file was written with another configuration")]
+    /// The file holds a tensor that the configuration does not need.
+    #[error("tensor `{name}` is not expected: load the file with the configuration with which it was saved")]
     TensorUnexpected {
         /// The tensor's name.
         name: String,
     },
     /// A tensor has another shape.
     #[error(
-        "tensor `{name}` should have shape {expected:?}, got {got:?}: load it with the configuration it was saved with"
+        "tensor `{name}` should have shape {expected:?}, got {got:?}: load the file with the configuration with which it was \
+         saved"
     )]
     TensorShape {
         /// The tensor's name.
         name: String,
-        /// Shape asked for.
+        /// Expected shape.
         expected: Vec<usize>,
-        /// Shape found.
+        /// Shape in the file.
         got: Vec<usize>,
     },
     /// A tensor has another element type.
-    #[error("tensor `{name}` should hold {expected}, got {got}")]
+    #[error("tensor `{name}` should hold {expected}, got {got}: the file is damaged, or another program wrote it")]
     TensorType {
         /// The tensor's name.
         name: String,
-        /// Element type asked for.
+        /// Expected element type.
         expected: &'static str,
-        /// Element type found.
+        /// Element type in the file.
         got: String,
     },
-    /// A tensor holds a value that the learner cannot have written.
-    #[error("tensor `{name}` should hold {expected}, got {got}")]
+    /// A tensor holds a value that this version of the learner does not write.
+    #[error(
+        "tensor `{name}` should hold {expected}, got {got}: the file is damaged, or another version of this program wrote it"
+    )]
     TensorValue {
         /// The tensor's name.
         name: String,
-        /// The values that are accepted.
+        /// The accepted values.
         expected: &'static str,
-        /// The value found.
+        /// The value in the file.
         got: String,
     },
     /// The bytes are not in the safetensors format.
-    #[error("the bytes are not a safetensors file")]
+    #[error("the bytes are not a complete safetensors file")]
     Format(#[source] safetensors::SafeTensorError),
 }

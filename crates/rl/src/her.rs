@@ -1,30 +1,24 @@
-//! Hindsight experience replay: goals that were reached later in an episode replace the one that was asked for.
+//! Hindsight experience replay: a goal that was achieved later in the episode replaces the desired goal.
 
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
 use crate::{EpisodeShape, Replay, RlError};
 
-/// Share of relabelled transitions.
+/// Constants of hindsight experience replay.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(deny_unknown_fields)]
 pub struct HerConfig {
-    /// Relabelled transitions for each real one, on average; 0 switches relabelling off. Default 4 (Andrychowicz et al.
-    /// 2017, section 4.5; Higashi et al., section 2.1).
+    /// Mean number of relabelled transitions for each transition that keeps its goal. With 0, none is relabelled
+    /// (Andrychowicz et al. 2017, section 4.5; Higashi et al., section 2.1).
     pub relabel_per_real: f32,
-}
-
-impl Default for HerConfig {
-    fn default() -> Self {
-        Self { relabel_per_real: 4.0 }
-    }
 }
 
 impl HerConfig {
     /// Checks the range.
     ///
     /// # Errors
-    /// [`RlError::Config`] when the share is negative or not a number.
+    /// [`RlError::Config`] if the number is negative or not finite.
     pub fn validate(&self) -> Result<(), RlError> {
         if self.relabel_per_real.is_finite() && self.relabel_per_real >= 0.0 {
             return Ok(());
@@ -34,38 +28,37 @@ impl HerConfig {
     }
 
     /// Returns the probability that a transition is relabelled.
-    pub fn relabel_probability(&self) -> f32 {
+    fn relabel_probability(&self) -> f32 {
         self.relabel_per_real / (1.0 + self.relabel_per_real)
     }
 }
 
-/// The reward, as a function of a transition and the goal it is judged by.
+/// The reward as a function of a transition and its goal.
 pub trait RewardFn {
-    /// Judges one transition.
+    /// Returns the reward of one transition.
     ///
-    /// # Shapes
-    /// `achieved_goal` and `next_observation`: those after the step. `desired_goal`: the goal the transition is judged by,
-    /// relabelled or not. `facts`: those of the step.
+    /// `achieved_goal` and `next_observation` are those after the step. `desired_goal` is the episode's own goal or the one
+    /// that replaced it. `facts` are those of the step.
     fn reward(&self, achieved_goal: &[f32], desired_goal: &[f32], next_observation: &[f32], facts: &[f32]) -> f32;
 }
 
-/// The goal that a transition is learned with.
+/// The goal of a transition in a batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GoalChoice {
-    /// The episode's own.
+    /// The episode's own goal.
     Original,
-    /// The one achieved at this index of the episode, counted from 0 (before the first step) to T.
+    /// The goal that was achieved at this index of the episode, from 0 (before the first step) to T.
     Achieved(usize),
 }
 
-/// Chooses the goal for step `t` of an episode of `n_steps`: with `relabel_probability` one achieved after the step,
-/// uniformly from index `t + 1` to `n_steps`.
+/// Chooses the goal for step `t` of an episode of `n_steps`. With `relabel_probability` it is a goal that was achieved after
+/// the step. Its index is drawn uniformly from `t + 1` to `n_steps`.
 ///
 /// # Source
 /// Andrychowicz et al. 2017, section 4.5, strategy *future*.
 ///
 /// # Panics
-/// When `t >= n_steps`.
+/// If `t >= n_steps`.
 pub fn choose_goal(n_steps: usize, t: usize, relabel_probability: f32, rng: &mut impl Rng) -> GoalChoice {
     assert!(t < n_steps, "step {t} of an episode of {n_steps}");
     if rng.random::<f32>() < relabel_probability {
@@ -75,25 +68,25 @@ pub fn choose_goal(n_steps: usize, t: usize, relabel_probability: f32, rng: &mut
     }
 }
 
-/// Where a transition of a batch comes from.
+/// The origin of a transition of a batch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Origin {
     /// Index in [`Replay::episodes`].
     pub episode: usize,
     /// Step within the episode.
     pub t: usize,
-    /// Goal it was given.
+    /// Goal of the transition.
     pub goal: GoalChoice,
 }
 
-/// A minibatch of transitions as flat arrays, allocated once and refilled.
+/// A minibatch of transitions as flat arrays. It is allocated once and filled again for each update.
 #[derive(Clone, Debug)]
 pub struct Batch {
     /// Number of transitions.
     pub len: usize,
     /// Observations before the step, len x obs_dim.
     pub observations: Vec<f32>,
-    /// Goals, before and after the step alike, len x goal_dim.
+    /// Goals, len x goal_dim. A goal is the same before and after the step.
     pub goals: Vec<f32>,
     /// Actions, len x act_dim.
     pub actions: Vec<f32>,
@@ -101,7 +94,7 @@ pub struct Batch {
     pub rewards: Vec<f32>,
     /// Observations after the step, len x obs_dim.
     pub next_observations: Vec<f32>,
-    /// Where each transition comes from, len.
+    /// Origins of the transitions, len.
     pub origins: Vec<Origin>,
 }
 
@@ -118,22 +111,16 @@ impl Batch {
             origins: vec![Origin { episode: 0, t: 0, goal: GoalChoice::Original }; len],
         }
     }
-
-    /// Returns the share of relabelled transitions.
-    pub fn relabelled_share(&self) -> f32 {
-        let n = self.origins.iter().filter(|o| o.goal != GoalChoice::Original).count();
-        n as f32 / self.len.max(1) as f32
-    }
 }
 
-/// Fills a batch: episodes and steps are drawn uniformly, goals are chosen by [`choose_goal`], and the reward of every
-/// transition is computed anew.
+/// Fills a batch. Episodes and steps are drawn uniformly, [`choose_goal`] chooses the goals, and `reward` computes the reward
+/// of every transition.
 ///
 /// # Errors
-/// [`RlError::EmptyReplay`] when there is no episode.
+/// [`RlError::EmptyReplay`] if there is no episode.
 ///
 /// # Panics
-/// When the batch was made for another episode shape.
+/// If the batch was made for another episode shape.
 pub fn sample_batch(
     replay: &Replay,
     config: &HerConfig,

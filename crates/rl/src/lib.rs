@@ -1,19 +1,22 @@
-//! Off-policy reinforcement learning with a continuous action: DDPG with hindsight experience replay, on faer's matrices.
+//! Off-policy reinforcement learning of continuous actions: DDPG with hindsight experience replay.
 //!
-//! The data path, in the order in which a training loop meets it: [`Exploration`] perturbs the actions of a [`Policy`];
-//! the episode that results is an [`EpisodeData`]; [`Replay`] keeps episodes; [`sample_batch`] draws transitions,
-//! replaces goals in hindsight and recomputes every reward; [`Ddpg::update`] learns from the [`Batch`] and gives the next
-//! [`Policy`]. [`RunningNormalizer`] scales what the networks see, [`rng::stream`] is the source of every random number,
-//! and [`TensorMap`] carries the learner's state to and from bytes.
+//! A training loop uses these types in this order:
 //!
-//! Everything is `f32` and does no IO. Matrices are row-major: one row is one sample. The threads of the caller's pool
-//! (rayon's) share an update, which is the same with one; everything else runs on the calling thread.
+//! 1. [`Exploration`] changes the actions of a [`Policy`] while an episode is simulated.
+//! 2. [`EpisodeData`] stores the episode, and [`Replay`] the episodes.
+//! 3. [`sample_batch`] draws transitions, replaces goals in hindsight and computes the rewards of a [`Batch`].
+//! 4. [`Ddpg::update`] learns from the batch, and [`Ddpg::policy`] returns the next [`Policy`].
+//!
+//! [`RunningNormalizer`] scales the networks' inputs, [`rng::stream`] gives every random number, and [`TensorMap`] converts
+//! the learner's state to bytes and back.
+//!
+//! Numbers are `f32`, and nothing does IO. Matrices are row-major, and one row is one sample. The threads of the caller's
+//! rayon pool share an update, and their number does not change its result. Everything else runs on the calling thread.
 #![forbid(unsafe_code)]
 
 mod action_cost;
 mod adam;
 mod aligned;
-mod attempt;
 mod checkpoint;
 mod config;
 mod ddpg;
@@ -35,15 +38,14 @@ mod sparse;
 mod tensors;
 
 pub use action_cost::ActionCost;
-pub use adam::{Adam, AdamConfig};
 pub use config::{ACTION_L2_DIMENSIONS, DdpgConfig};
 pub use ddpg::{Ddpg, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};
 pub use error::RlError;
-pub use explore::{Coordination, Exploration, ExplorationConfig};
+pub use explore::{ActionDimension, Coordination, Exploration, ExplorationConfig};
 pub use her::{Batch, GoalChoice, HerConfig, Origin, RewardFn, choose_goal, sample_batch};
 pub use net::{InputGradient, LayerShape, Mlp, MlpScratch, OutputActivation, Rows};
 pub use normalizer::{NormalizerConfig, RunningNormalizer};
-pub use policy::{Policy, PolicyScratch, Which};
+pub use policy::{ActorChoice, Policy, PolicyScratch};
 pub use replay::Replay;
 pub use tensors::{Tensor, TensorData, TensorMap};

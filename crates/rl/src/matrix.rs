@@ -1,4 +1,4 @@
-//! Matrices over slices, as the products take them.
+//! Matrices over slices, the arguments of the products.
 
 use std::ops::Range;
 
@@ -15,19 +15,19 @@ pub(crate) struct Matrix<'a> {
 }
 
 impl<'a> Matrix<'a> {
-    /// Views a slice whose rows follow one another.
+    /// Views a slice that stores the rows one after another.
     ///
     /// # Panics
-    /// When `data.len() != rows * cols`.
+    /// If `data.len() != rows * cols`.
     pub fn new(data: &'a [f32], rows: usize, cols: usize) -> Self {
         assert_eq!(data.len(), rows * cols, "not {rows} x {cols} values");
         Self { data, rows, cols, row_stride: cols, col_stride: 1 }
     }
 
-    /// Views a slice in which a row begins every `stride` values; `cols <= stride`.
+    /// Views a slice in which a row begins every `stride` values, `stride >= cols`.
     ///
     /// # Panics
-    /// When the last row ends beyond the slice, or `stride < cols`.
+    /// If the last row ends beyond the slice, or `stride < cols`.
     pub fn strided(data: &'a [f32], rows: usize, cols: usize, stride: usize) -> Self {
         assert!(cols <= stride, "rows of {cols} every {stride} values");
         assert!(rows == 0 || (rows - 1) * stride + cols <= data.len(), "the last row ends beyond the slice");
@@ -43,28 +43,28 @@ impl<'a> Matrix<'a> {
     /// Returns the part with these rows and columns.
     ///
     /// # Panics
-    /// When they are not all there.
+    /// If a row or column is outside the matrix.
     pub fn part(self, rows: Range<usize>, cols: Range<usize>) -> Self {
         assert!(rows.end <= self.rows && cols.end <= self.cols, "the part is not inside the matrix");
         let data = &self.data[rows.start * self.row_stride + cols.start * self.col_stride..];
         Self { data, rows: rows.len(), cols: cols.len(), ..self }
     }
 
-    /// Returns the matrix or its transpose: the one of which a row's values follow one another.
+    /// Returns the matrix or its transpose, whichever stores the values of a row one after another.
     pub fn by_rows(self) -> Self {
         if self.col_stride == 1 { self } else { self.t() }
     }
 
-    /// Returns a row of a matrix of which a row's values follow one another.
+    /// Returns a row of a matrix that stores the values of a row one after another.
     ///
     /// # Panics
-    /// When it is another matrix, or has no such row.
+    /// If the matrix stores them otherwise, or has no such row.
     pub fn row(self, row: usize) -> &'a [f32] {
-        assert_eq!(self.col_stride, 1, "the values of a row do not follow one another");
+        assert_eq!(self.col_stride, 1, "the values of a row are not stored one after another");
         &self.data[row * self.row_stride..][..self.cols]
     }
 
-    /// Returns the same matrix as faer sees it.
+    /// Returns the matrix as faer's type.
     pub fn view(self) -> MatRef<'a, f32> {
         if self.col_stride == 1 {
             MatRef::from_row_major_slice_with_stride(self.data, self.rows, self.cols, self.row_stride)
@@ -83,10 +83,10 @@ pub(crate) struct MatrixMut<'a> {
 }
 
 impl<'a> MatrixMut<'a> {
-    /// Views a slice whose rows follow one another.
+    /// Views a slice that stores the rows one after another.
     ///
     /// # Panics
-    /// When `data.len() != rows * cols`.
+    /// If `data.len() != rows * cols`.
     pub fn new(data: &'a mut [f32], rows: usize, cols: usize) -> Self {
         assert_eq!(data.len(), rows * cols, "not {rows} x {cols} values");
         Self { data, rows, cols }

@@ -1,25 +1,19 @@
-//! Running mean and standard deviation of what the networks read.
+//! Running mean and standard deviation of the networks' inputs.
 
 use serde::{Deserialize, Serialize};
 
 use crate::RlError;
 
-/// How inputs are clipped and scaled.
+/// Constants of the clipping and scaling of inputs.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
+#[serde(deny_unknown_fields)]
 pub struct NormalizerConfig {
-    /// Least standard deviation, so that a constant input is not blown up. Default 0.01 (OpenAI baselines HER, `norm_eps`).
+    /// Least standard deviation. It keeps the noise of a constant input small (OpenAI baselines HER, `norm_eps`).
     pub epsilon: f32,
-    /// Normalised values are clipped at plus and minus this. Default 5 (OpenAI baselines HER, `norm_clip`).
+    /// Limit, plus and minus, at which normalised values are clipped (OpenAI baselines HER, `norm_clip`).
     pub norm_clip: f32,
-    /// Raw values are clipped at plus and minus this before anything else. Default 200 (OpenAI baselines HER, `clip_obs`).
+    /// Limit, plus and minus, at which values are clipped before they are normalised (OpenAI baselines HER, `clip_obs`).
     pub raw_clip: f32,
-}
-
-impl Default for NormalizerConfig {
-    fn default() -> Self {
-        Self { epsilon: 1e-2, norm_clip: 5.0, raw_clip: 200.0 }
-    }
 }
 
 impl NormalizerConfig {
@@ -38,7 +32,7 @@ impl NormalizerConfig {
     }
 }
 
-/// Per-dimension statistics over all rows ever seen, and the scaling that follows from them.
+/// Statistics of each dimension over all rows so far, and the scaling that follows from them.
 ///
 /// Before the first [`update`](Self::update) the mean is 0 and the standard deviation 1.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,7 +46,7 @@ pub struct RunningNormalizer {
 }
 
 impl RunningNormalizer {
-    /// Starts without statistics for rows of `dim` values.
+    /// Makes a normaliser without statistics for rows of `dim` values.
     pub fn new(config: NormalizerConfig, dim: usize) -> Self {
         Self {
             config,
@@ -64,7 +58,7 @@ impl RunningNormalizer {
         }
     }
 
-    /// Restores statistics that were saved.
+    /// Restores a normaliser from its saved statistics.
     pub(crate) fn from_sums(config: NormalizerConfig, count: u64, sum: Vec<f64>, sum_of_squares: Vec<f64>) -> Self {
         let mut normalizer = Self::new(config, sum.len());
         normalizer.count = count;
@@ -74,7 +68,7 @@ impl RunningNormalizer {
         normalizer
     }
 
-    /// Restores a scaling whose statistics are not known: it scales as before, and should not be updated.
+    /// Restores a normaliser from its mean and standard deviation alone. It has no statistics and must not be updated.
     pub(crate) fn frozen(config: NormalizerConfig, mean: Vec<f32>, std: Vec<f32>) -> Self {
         let mut normalizer = Self::new(config, mean.len());
         normalizer.mean = mean;
@@ -82,16 +76,16 @@ impl RunningNormalizer {
         normalizer
     }
 
-    /// Takes rows into the statistics.
+    /// Adds rows to the statistics.
     ///
     /// # Shapes
     /// `rows`: any number of rows of [`dim`](Self::dim) values, one after another.
     ///
     /// # Panics
-    /// When `rows` does not hold whole rows.
+    /// If `rows` does not hold whole rows.
     pub fn update(&mut self, rows: &[f32]) {
         let dim = self.dim();
-        assert!(dim > 0 && rows.len().is_multiple_of(dim), "{} values are no whole rows of {dim}", rows.len());
+        assert!(dim > 0 && rows.len().is_multiple_of(dim), "{} values are not whole rows of {dim}", rows.len());
         let clip = self.config.raw_clip;
         for row in rows.chunks_exact(dim) {
             for ((x, sum), squares) in row.iter().zip(&mut self.sum).zip(&mut self.sum_of_squares) {
@@ -104,10 +98,10 @@ impl RunningNormalizer {
         self.refresh();
     }
 
-    /// `(row: dim) => out: dim`, clipped, centred, scaled and clipped again.
+    /// `(row: dim) => out: dim`: clips the row, subtracts the mean, divides by the standard deviation, and clips again.
     ///
     /// # Panics
-    /// When the lengths are not [`dim`](Self::dim).
+    /// If a length is not [`dim`](Self::dim).
     pub fn normalize(&self, row: &[f32], out: &mut [f32]) {
         let dim = self.dim();
         let (row, out, mean, std) = (&row[..dim], &mut out[..dim], &self.mean[..dim], &self.std[..dim]);
@@ -122,7 +116,7 @@ impl RunningNormalizer {
         self.mean.len()
     }
 
-    /// Returns the number of rows seen.
+    /// Returns the number of rows so far.
     pub fn count(&self) -> u64 {
         self.count
     }
@@ -132,14 +126,9 @@ impl RunningNormalizer {
         &self.mean
     }
 
-    /// Returns the standard deviation of each dimension, not below the configured floor.
+    /// Returns the standard deviation of each dimension, at least the configured epsilon.
     pub fn std(&self) -> &[f32] {
         &self.std
-    }
-
-    /// Returns the clips and the floor.
-    pub fn config(&self) -> NormalizerConfig {
-        self.config
     }
 
     fn refresh(&mut self) {

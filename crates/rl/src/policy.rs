@@ -1,22 +1,25 @@
-//! A frozen actor with its normalisers, for collecting episodes.
+//! A frozen actor with its normalisers, to collect episodes with.
 
 use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 
 use crate::tensors::{Tensor, TensorMap};
 use crate::{Mlp, NormalizerConfig, OutputActivation, RlError, RunningNormalizer};
 
-/// Which of the learner's actors.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Which {
-    /// The one that is trained.
+/// The choice among the learner's actors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ActorChoice {
+    /// The actor that is trained.
     Online,
-    /// The target of it, which the critic's targets are computed with.
+    /// Its target network, from which the critic's targets are computed.
     Target,
-    /// The slow average of it, which is steadier than either.
+    /// Its average over many updates, which changes more slowly than the other two.
     Average,
 }
 
-/// A snapshot of an actor; clones share their weights.
+/// A copy of an actor at one moment. Its clones share their weights.
 #[derive(Clone, Debug)]
 pub struct Policy {
     parts: Arc<Parts>,
@@ -29,7 +32,7 @@ struct Parts {
     goal: RunningNormalizer,
 }
 
-/// Buffers of one thread's calls to [`Policy::act`].
+/// Buffers for the calls of [`Policy::act`] on one thread.
 #[derive(Clone, Debug)]
 pub struct PolicyScratch {
     input: Vec<f32>,
@@ -41,7 +44,7 @@ impl Policy {
         Self { parts: Arc::new(Parts { actor, observation, goal }) }
     }
 
-    /// Allocates buffers for [`act`](Self::act); they fit every policy of the same learner.
+    /// Allocates buffers for [`act`](Self::act). They fit every policy of the same learner.
     pub fn scratch(&self) -> PolicyScratch {
         let actor = &self.parts.actor;
         let widest = actor.layers().iter().map(|l| l.outputs).max().unwrap_or(0);
@@ -51,7 +54,7 @@ impl Policy {
     /// `(observation, goal) => out: action in [-1, 1]`, without exploration.
     ///
     /// # Panics
-    /// When a length is not the learner's.
+    /// If a length is not the learner's.
     pub fn act(&self, observation: &[f32], goal: &[f32], scratch: &mut PolicyScratch, out: &mut [f32]) {
         let Parts { actor, observation: observations, goal: goals } = &*self.parts;
         let (obs_in, goal_in) = scratch.input.split_at_mut(observations.dim());
@@ -76,19 +79,9 @@ impl Policy {
         self.parts.actor.outputs()
     }
 
-    /// Returns the scaling of the observation.
-    pub fn observation_normalizer(&self) -> &RunningNormalizer {
-        &self.parts.observation
-    }
-
-    /// Returns the scaling of the goal.
-    pub fn goal_normalizer(&self) -> &RunningNormalizer {
-        &self.parts.goal
-    }
-
-    /// Exports what another program needs to run the policy: `actor.{i}.weight` (outputs x inputs, row-major),
-    /// `actor.{i}.bias`, and `mean` and `std` of `observation` and `goal`. The clips are in
-    /// [`NormalizerConfig`](crate::NormalizerConfig).
+    /// Exports the tensors with which another program can run the policy: `actor.{i}.weight` (outputs x inputs, row-major),
+    /// `actor.{i}.bias`, and `mean` and `std` of `observation` and `goal`. The limits at which inputs are clipped are in
+    /// [`NormalizerConfig`].
     pub fn export_tensors(&self) -> TensorMap {
         let Parts { actor, observation, goal } = &*self.parts;
         let mut tensors = TensorMap::default();
@@ -100,10 +93,11 @@ impl Policy {
         tensors
     }
 
-    /// Reads back what [`export_tensors`](Self::export_tensors) wrote; the clips are those of `config`.
+    /// Reads the tensors that [`export_tensors`](Self::export_tensors) wrote. `config` holds the limits at which inputs are
+    /// clipped.
     ///
     /// # Errors
-    /// [`RlError`] names the tensor that is missing, unexpected, or whose shape does not fit.
+    /// [`RlError`] names a tensor that is missing, is not expected, or has another shape.
     pub fn import_tensors(tensors: &TensorMap, config: &NormalizerConfig) -> Result<Self, RlError> {
         let normalizer = |name: &str| -> Result<RunningNormalizer, RlError> {
             let dim = tensors.get(&format!("{name}.mean"))?.shape.iter().product();
@@ -123,9 +117,7 @@ impl Policy {
             return Err(RlError::TensorValue { name, expected, got: format!("{sizes:?}") });
         }
         let mut actor = Mlp::zeros(&sizes, OutputActivation::Tanh);
-        let mut parameters = actor.parameters().to_vec();
-        tensors.read_layers("actor", &actor, &mut parameters)?;
-        actor.parameters_mut().copy_from_slice(&parameters);
+        tensors.read_network("actor", &mut actor)?;
         let policy = Self::new(actor, observation, goal);
         let written = policy.export_tensors();
         match tensors.iter().find(|(name, _)| written.get(name).is_err()) {

@@ -1,22 +1,21 @@
-//! The replay: a ring of whole episodes.
+//! The replay, a ring of whole episodes.
 
 use crate::{EpisodeData, EpisodeShape, RlError};
 
-/// Episodes of one shape; when full, the oldest makes room for the newest.
+/// Episodes of one shape. When it is full, each new episode replaces the oldest.
 #[derive(Clone, Debug)]
 pub struct Replay {
     shape: EpisodeShape,
     capacity: usize,
     episodes: Vec<EpisodeData>,
     next: usize,
-    n_pushed: u64,
 }
 
 impl Replay {
-    /// Makes an empty replay of at most `capacity` episodes. Memory is taken as episodes arrive.
+    /// Makes an empty replay for at most `capacity` episodes. Each episode allocates its memory when it is pushed.
     ///
     /// # Errors
-    /// [`RlError::Config`] when the capacity, the steps or the sizes of observation, goal or action are 0.
+    /// [`RlError::Config`] if the capacity, the number of steps, or the size of observation, goal or action is 0.
     pub fn new(capacity: usize, shape: EpisodeShape) -> Result<Self, RlError> {
         let sizes = [
             ("capacity", capacity),
@@ -30,13 +29,14 @@ impl Replay {
                 return Err(RlError::Config { field, expected: "at least 1", got: n.to_string() });
             }
         }
-        Ok(Self { shape, capacity, episodes: Vec::new(), next: 0, n_pushed: 0 })
+        Ok(Self { shape, capacity, episodes: Vec::new(), next: 0 })
     }
 
-    /// Adds an episode, in place of the oldest when the replay is full.
+    /// Adds an episode. It replaces the oldest if the replay is full.
     ///
     /// # Errors
-    /// [`RlError::EpisodeShape`] when the episode has another shape, and as [`EpisodeData::validate`]; nothing is stored then.
+    /// [`RlError::EpisodeShape`] if the episode has another shape. Also as [`EpisodeData::validate`]. After an error, nothing
+    /// is stored.
     pub fn push(&mut self, episode: EpisodeData) -> Result<(), RlError> {
         if episode.shape != self.shape {
             return Err(RlError::EpisodeShape { expected: Box::new(self.shape), got: Box::new(episode.shape) });
@@ -48,45 +48,22 @@ impl Replay {
             self.episodes[self.next] = episode;
         }
         self.next = (self.next + 1) % self.capacity;
-        self.n_pushed += 1;
         Ok(())
     }
 
-    /// Returns the episodes held; the order is the ring's, not that of time.
+    /// Returns the stored episodes in the order of the ring, which is not that of time.
     pub fn episodes(&self) -> &[EpisodeData] {
         &self.episodes
     }
 
-    /// Returns the episodes held, oldest first.
-    pub fn iter_by_age(&self) -> impl Iterator<Item = &EpisodeData> {
-        let oldest = if self.episodes.len() < self.capacity { 0 } else { self.next };
-        let (newer, older) = self.episodes.split_at(oldest);
-        older.iter().chain(newer)
-    }
-
-    /// Returns the number of episodes held.
+    /// Returns the number of stored episodes.
     pub fn len(&self) -> usize {
         self.episodes.len()
     }
 
-    /// Returns whether no episode is held.
+    /// Returns whether no episode is stored.
     pub fn is_empty(&self) -> bool {
         self.episodes.is_empty()
-    }
-
-    /// Returns the largest number of episodes held.
-    pub fn capacity(&self) -> usize {
-        self.capacity
-    }
-
-    /// Returns the number of transitions held.
-    pub fn n_transitions(&self) -> usize {
-        self.len() * self.shape.n_steps
-    }
-
-    /// Returns the number of episodes ever pushed.
-    pub fn n_pushed(&self) -> u64 {
-        self.n_pushed
     }
 
     /// Returns the shape of the episodes.

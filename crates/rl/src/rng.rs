@@ -1,9 +1,8 @@
 //! Named streams of random numbers, all from one seed.
 //!
-//! A stream is a pure function of `(seed, name, index)`: the name is hashed into the key of a ChaCha generator, the index
-//! selects one of its 2^64 independent streams. Take a fresh stream for each unit of work (an episode, an update) with
-//! the unit's counter as the index, and no generator state ever has to be stored: whoever knows the counter restores the
-//! stream.
+//! A stream is a pure function of `(seed, name, index)`. The key of a ChaCha generator is a hash of seed and name, and the
+//! index selects one of its 2^64 independent streams. Open a new stream for each unit of work (an episode, an update) with
+//! the number of the unit as the index. Then no generator state has to be stored, because the number restores the stream.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use safetensors::tensor::{Dtype, SafeTensors, View};
 
-use crate::{Mlp, RlError};
+use crate::{LayerShape, Mlp, RlError};
 
 /// The values of a tensor.
 #[derive(Clone, Debug, PartialEq)]
@@ -97,7 +97,7 @@ pub struct TensorMap {
 }
 
 impl TensorMap {
-    /// Adds a tensor, in place of one of the same name.
+    /// Adds a tensor. It replaces one of the same name.
     pub fn insert(&mut self, name: impl Into<String>, tensor: Tensor) {
         self.tensors.insert(name.into(), tensor);
     }
@@ -108,11 +108,6 @@ impl TensorMap {
     /// [`RlError::TensorMissing`].
     pub fn get(&self, name: &str) -> Result<&Tensor, RlError> {
         self.tensors.get(name).ok_or_else(|| RlError::TensorMissing { name: name.to_owned() })
-    }
-
-    /// Removes a tensor.
-    pub fn remove(&mut self, name: &str) -> Option<Tensor> {
-        self.tensors.remove(name)
     }
 
     /// Returns names and tensors, sorted by name.
@@ -156,7 +151,7 @@ impl TensorMap {
     /// Writes the safetensors format.
     ///
     /// # Errors
-    /// [`RlError::Format`] when a tensor's values do not fill its shape.
+    /// [`RlError::Format`] if a tensor has more or fewer values than its shape.
     pub fn save_bytes(&self) -> Result<Vec<u8>, RlError> {
         safetensors::serialize(self.iter(), None).map_err(RlError::Format)
     }
@@ -164,8 +159,8 @@ impl TensorMap {
     /// Reads the safetensors format.
     ///
     /// # Errors
-    /// [`RlError::Format`] when the bytes are something else or cut, [`RlError::TensorType`] for an element type that this
-    /// crate does not write.
+    /// [`RlError::Format`] if the bytes are in another format or incomplete. [`RlError::TensorType`] for an element type that
+    /// this crate does not write.
     pub fn load_bytes(bytes: &[u8]) -> Result<Self, RlError> {
         let file = SafeTensors::deserialize(bytes).map_err(RlError::Format)?;
         let mut tensors = BTreeMap::new();
@@ -190,7 +185,7 @@ impl TensorMap {
         self.insert_layers(prefix, net, net.parameters());
     }
 
-    /// As [`insert_network`](Self::insert_network), for a vector that is laid out as the network's parameters.
+    /// As [`insert_network`](Self::insert_network), for a vector in the order of the network's parameters.
     pub(crate) fn insert_layers(&mut self, prefix: &str, net: &Mlp, flat: &[f32]) {
         for (i, layer) in net.layers().iter().enumerate() {
             let weight = Tensor::f32(vec![layer.outputs, layer.inputs], flat[layer.weight()].to_vec());
@@ -199,9 +194,15 @@ impl TensorMap {
         }
     }
 
-    /// Reads back what [`insert_layers`](Self::insert_layers) wrote.
-    pub(crate) fn read_layers(&self, prefix: &str, net: &Mlp, flat: &mut [f32]) -> Result<(), RlError> {
-        for (i, layer) in net.layers().iter().enumerate() {
+    /// Reads the tensors that [`insert_network`](Self::insert_network) added.
+    pub(crate) fn read_network(&self, prefix: &str, net: &mut Mlp) -> Result<(), RlError> {
+        let layers = net.layers().to_vec();
+        self.read_layers(prefix, &layers, net.parameters_mut())
+    }
+
+    /// Reads the tensors that [`insert_layers`](Self::insert_layers) added.
+    pub(crate) fn read_layers(&self, prefix: &str, layers: &[LayerShape], flat: &mut [f32]) -> Result<(), RlError> {
+        for (i, layer) in layers.iter().enumerate() {
             let weight = self.finite(&format!("{prefix}.{i}.weight"), &[layer.outputs, layer.inputs])?;
             flat[layer.weight()].copy_from_slice(weight);
             flat[layer.bias()].copy_from_slice(self.finite(&format!("{prefix}.{i}.bias"), &[layer.outputs])?);

@@ -1,10 +1,12 @@
 """One update of the learner, computed with NumPy in float64, as the reference for tests/it/reference.rs.
 
-Usage: python3 generate_update.py            writes update_single.safetensors and update_twin.safetensors beside itself
+Usage: python3 generate_update.py            writes update_default.safetensors and update_plain.safetensors beside itself
 
-Each file holds the learner's checkpoint before (`before.*`) and after (`after.*`) the update, the minibatch (`batch.*`)
-and the logged numbers (`stats.*`). Written from the equations (Lillicrap et al. 2016, Fujimoto et al. 2018, Kingma and
-Ba 2015, OpenAI baselines HER), not from the Rust code.
+`default` has a critic with layer normalisation and a cost of actions, as a training has. `plain` has neither.
+
+Each file holds the learner's checkpoint before (`before.*`) and after (`after.*`) the update, the minibatch (`batch.*`),
+the cost of actions (`cost.*`) and the logged numbers (`stats.*`). Written from the equations (Lillicrap et al. 2016, Ba et
+al. 2016, Kingma and Ba 2015, OpenAI baselines HER, docs/algorithms.md), not from the Rust code.
 """
 
 import json
@@ -22,6 +24,9 @@ NORM_EPSILON, NORM_CLIP, RAW_CLIP = 0.01, 1.5, 3.0
 TARGET_SPREAD = 16
 ADAM_STEPS_BEFORE, UPDATES_BEFORE = 3, 3
 AVERAGE_UPDATES = 3
+LAYER_NORM_EPSILON = 1e-5
+# Some of the batch's rewards, which lie in [-1, 0], are above it.
+COST_ABOVE = -0.5
 
 
 def rounded(x):
@@ -30,17 +35,22 @@ def rounded(x):
 
 
 class Net:
-    def __init__(self, rng, sizes, tanh):
-        self.tanh = tanh
+    def __init__(self, rng, sizes, tanh=False, layer_norm=False):
+        self.tanh, self.layer_norm = tanh, layer_norm
         self.w = [rounded(rng.normal(0, 0.5, (o, i))) for i, o in zip(sizes[:-1], sizes[1:])]
         self.b = [rounded(rng.normal(0, 0.1, o)) for o in sizes[1:]]
 
     def forward(self, x):
-        self.inputs = []
+        self.inputs, self.normalized, self.deviations = [], [], []
         for i, (w, b) in enumerate(zip(self.w, self.b)):
             self.inputs.append(x)
             x = x @ w.T + b
             if i + 1 < len(self.w):
+                if self.layer_norm:
+                    deviation = np.sqrt(x.var(axis=1, keepdims=True) + LAYER_NORM_EPSILON)
+                    x = (x - x.mean(axis=1, keepdims=True)) / deviation
+                    self.normalized.append(x)
+                    self.deviations.append(deviation)
                 x = np.maximum(x, 0)
         self.out = np.tanh(x) if self.tanh else x
         return self.out
@@ -56,6 +66,10 @@ class Net:
             d = d @ self.w[i]
             if i > 0:
                 d = d * (self.inputs[i] > 0)
+                if self.layer_norm:
+                    n = self.normalized[i - 1]
+                    slope = np.mean(d * n, axis=1, keepdims=True)
+                    d = (d - d.mean(axis=1, keepdims=True) - n * slope) / self.deviations[i - 1]
         return gw, gb, d
 
     def params(self):
@@ -63,8 +77,8 @@ class Net:
 
 
 class Learned:
-    def __init__(self, rng, sizes, tanh, lr):
-        self.net, self.target, self.lr = Net(rng, sizes, tanh), Net(rng, sizes, tanh), lr
+    def __init__(self, rng, sizes, lr, **kind):
+        self.net, self.target, self.lr = Net(rng, sizes, **kind), Net(rng, sizes, **kind), lr
         self.m = [rounded(rng.normal(0, 0.05, p.shape)) for p in self.net.params()]
         self.v = [rounded(rng.uniform(0.001, 0.01, p.shape)) for p in self.net.params()]
         self.t = ADAM_STEPS_BEFORE
@@ -116,13 +130,23 @@ class Normalizer:
         }
 
 
-def checkpoint(actor, average, critics, observation, goal, n_updates):
-    out = {"schema": np.array([1], np.uint64), "n_updates": np.array([n_updates], np.uint64)}
+def action_cost(matrix, rewards, actions):
+    """The mean cost of the actions and its gradient."""
+    earned = rewards > COST_ABOVE
+    assert 1 < earned.sum() < len(rewards), "choose another seed"
+    deviation = actions[earned] - actions[earned].mean(axis=0)
+    gradient = np.zeros_like(actions)
+    # Each action also moves the mean, by one part in as many as have earned enough.
+    gradient[earned] = 2 * (deviation - deviation.mean(axis=0)) @ matrix
+    return np.einsum("ni,ij,nj", deviation, matrix, deviation) / len(rewards), gradient / len(rewards)
+
+
+def checkpoint(actor, average, critic, observation, goal, n_updates):
+    out = {"schema": np.array([2], np.uint64), "n_updates": np.array([n_updates], np.uint64)}
     out |= actor.tensors("actor")
     for i, (w, b) in enumerate(zip(average.w, average.b)):
         out |= {f"actor_average.{i}.weight": np.float32(w), f"actor_average.{i}.bias": np.float32(b)}
-    for i, critic in enumerate(critics):
-        out |= critic.tensors(f"critic{i}")
+    out |= critic.tensors("critic")
     return out | observation.tensors("observation") | goal.tensors("goal")
 
 
@@ -140,13 +164,12 @@ def write(path, tensors):
     path.write_bytes(struct.pack("<Q", len(text)) + text + data)
 
 
-def generate(path, seed, twin):
+def generate(path, seed, default):
     rng = np.random.default_rng(seed)
     state = OBS + GOAL
-    actor = Learned(rng, [state, *HIDDEN, ACT], True, ACTOR_LR)
-    critics = [Learned(rng, [state + ACT, *HIDDEN, 1], False, CRITIC_LR) for _ in range(2 if twin else 1)]
-    for critic in critics:
-        critic.target.w[-1] *= TARGET_SPREAD
+    actor = Learned(rng, [state, *HIDDEN, ACT], ACTOR_LR, tanh=True)
+    critic = Learned(rng, [state + ACT, *HIDDEN, 1], CRITIC_LR, layer_norm=default)
+    critic.target.w[-1] *= TARGET_SPREAD
     observation, goal = Normalizer(rng, OBS), Normalizer(rng, GOAL)
     batch = {
         "observations": rounded(rng.normal(0, 2, (BATCH, OBS))),
@@ -155,42 +178,42 @@ def generate(path, seed, twin):
         "rewards": rounded(rng.uniform(-1, 0, BATCH)),
         "next_observations": rounded(rng.normal(0, 2, (BATCH, OBS))),
     }
-    average = Net(rng, [state, *HIDDEN, ACT], True)
-    tensors = {f"before.{k}": v for k, v in checkpoint(actor, average, critics, observation, goal, UPDATES_BEFORE).items()}
+    average = Net(rng, [state, *HIDDEN, ACT], tanh=True)
+    root = rng.normal(0, 1, (ACT, ACT))
+    cost = rounded(root @ root.T) if default else np.zeros((ACT, ACT))
+    before = checkpoint(actor, average, critic, observation, goal, UPDATES_BEFORE)
+    tensors = {f"before.{k}": v for k, v in before.items()}
     tensors |= {f"batch.{k}": np.float32(v) for k, v in batch.items()}
+    if default:
+        tensors |= {"cost.matrix": np.float32(cost), "cost.above": np.float32([COST_ABOVE])}
 
     s = np.hstack([observation(batch["observations"]), goal(batch["goals"])])
     s_next = np.hstack([observation(batch["next_observations"]), goal(batch["goals"])])
     x_next = np.hstack([s_next, actor.target.forward(s_next)])
-    values = np.array([c.target.forward(x_next)[:, 0] for c in critics])
-    assert len(set(values.argmin(axis=0))) == len(critics), "choose another seed"
-    value_next = values.min(axis=0)
-    raw = batch["rewards"] + GAMMA * value_next
+    raw = batch["rewards"] + GAMMA * critic.target.forward(x_next)[:, 0]
     target = np.clip(raw, -1 / (1 - GAMMA), 0)
 
     assert (raw > 0).any() and (raw < -1 / (1 - GAMMA)).any() and (raw == target).any(), "choose another seed"
 
-    x = np.hstack([s, batch["actions"]])
-    for i, critic in enumerate(critics):
-        q = critic.net.forward(x)[:, 0]
-        if i == 0:
-            critic_loss, q_mean = np.mean((q - target) ** 2), np.mean(q)
-        gw, gb, _ = critic.net.backward((2 * (q - target) / BATCH)[:, None])
-        critic.step(gw, gb)
+    q = critic.net.forward(np.hstack([s, batch["actions"]]))[:, 0]
+    critic_loss, q_mean = np.mean((q - target) ** 2), np.mean(q)
+    gw, gb, _ = critic.net.backward((2 * (q - target) / BATCH)[:, None])
+    critic.step(gw, gb)
 
     pi = actor.net.forward(s)
-    q_pi = critics[0].net.forward(np.hstack([s, pi]))
-    actor_loss = -np.mean(q_pi) + ACTION_L2 * np.mean(pi**2)
-    _, _, dx = critics[0].net.backward(np.full_like(q_pi, -1 / BATCH))
-    gw, gb, _ = actor.net.backward(dx[:, state:] + 2 * ACTION_L2 * pi / pi.size)
+    q_pi = critic.net.forward(np.hstack([s, pi]))
+    costs, cost_gradient = action_cost(cost, batch["rewards"], pi)
+    actor_loss = -np.mean(q_pi) + ACTION_L2 * np.mean(pi**2) + costs
+    _, _, dx = critic.net.backward(np.full_like(q_pi, -1 / BATCH))
+    gw, gb, _ = actor.net.backward(dx[:, state:] + 2 * ACTION_L2 * pi / pi.size + cost_gradient)
     actor.step(gw, gb)
-    for learned in [actor, *critics]:
+    for learned in [actor, critic]:
         learned.follow()
     share = 1 / min(AVERAGE_UPDATES, UPDATES_BEFORE + 1)
     for mean, p in zip(average.params(), actor.net.params()):
         mean += share * (p - mean)
 
-    after = checkpoint(actor, average, critics, observation, goal, UPDATES_BEFORE + 1)
+    after = checkpoint(actor, average, critic, observation, goal, UPDATES_BEFORE + 1)
     tensors |= {f"after.{k}": v for k, v in after.items()}
     stats = {
         "critic_loss": critic_loss,
@@ -207,5 +230,5 @@ def generate(path, seed, twin):
 
 if __name__ == "__main__":
     here = pathlib.Path(__file__).parent
-    generate(here / "update_single.safetensors", 6, False)
-    generate(here / "update_twin.safetensors", 2, True)
+    generate(here / "update_default.safetensors", 1, True)
+    generate(here / "update_plain.safetensors", 6, False)

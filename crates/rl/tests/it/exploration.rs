@@ -1,6 +1,8 @@
 //! Statistics of the exploration.
 
-use eigenhand_rl::{Coordination, Exploration, ExplorationConfig, RlError, rng};
+use eigenhand_rl::{ActionDimension, Coordination, Exploration, ExplorationConfig, RlError, rng};
+
+use crate::exploration_config;
 
 const N_STEPS: usize = 40_000;
 
@@ -22,6 +24,25 @@ fn noisy(config: &ExplorationConfig, policy: &[f32]) -> Vec<Vec<f32>> {
     run(exploration, policy, 2)
 }
 
+/// Independent noise and single random steps, as OpenAI baselines HER has them.
+fn baselines() -> ExplorationConfig {
+    ExplorationConfig {
+        noise_sigma: 0.2,
+        noise_correlation: 0.0,
+        random_probability: 0.3,
+        random_hold_steps: 1.0,
+        ..exploration_config()
+    }
+}
+
+fn held(scales: &[f32]) -> Vec<ActionDimension> {
+    scales.iter().map(|&hold_scale| ActionDimension { hold_scale, ..ActionDimension::default() }).collect()
+}
+
+fn coordinated(parts: &[Coordination]) -> Vec<ActionDimension> {
+    parts.iter().map(|&coordination| ActionDimension { coordination, ..ActionDimension::default() }).collect()
+}
+
 fn mean(x: impl ExactSizeIterator<Item = f32>) -> f64 {
     let n = x.len();
     x.map(f64::from).sum::<f64>() / n as f64
@@ -38,7 +59,7 @@ fn mean_hold(actions: &[Vec<f32>], dimension: usize) -> f64 {
 
 #[test]
 fn noise_has_the_configured_deviation_and_correlation() {
-    let config = ExplorationConfig { random_probability: 0.0, ..ExplorationConfig::default() };
+    let config = ExplorationConfig { random_probability: 0.0, ..exploration_config() };
     let actions = noisy(&config, &[0.2, -0.1]);
     for (d, policy) in [(0, 0.2), (1, -0.1)] {
         let noise: Vec<f32> = actions.iter().map(|a| a[d] - policy).collect();
@@ -54,7 +75,7 @@ fn noise_has_the_configured_deviation_and_correlation() {
 
 #[test]
 fn independent_noise_is_uncorrelated() {
-    let config = ExplorationConfig { random_probability: 0.0, ..ExplorationConfig::baselines() };
+    let config = ExplorationConfig { random_probability: 0.0, ..baselines() };
     let actions = noisy(&config, &[0.0]);
     let variance = mean(actions.iter().map(|a| a[0] * a[0]));
     let covariance = mean(actions.windows(2).map(|w| w[0][0] * w[1][0]));
@@ -64,7 +85,7 @@ fn independent_noise_is_uncorrelated() {
 
 #[test]
 fn the_noise_of_the_first_step_has_the_same_deviation() {
-    let config = ExplorationConfig { random_probability: 0.0, ..ExplorationConfig::default() };
+    let config = ExplorationConfig { random_probability: 0.0, ..exploration_config() };
     let mut draws = rng::stream(3, "explore", 0);
     let firsts = (0..10_000).map(|_| {
         let mut action = [0.0];
@@ -76,7 +97,7 @@ fn the_noise_of_the_first_step_has_the_same_deviation() {
 
 #[test]
 fn baselines_random_steps_have_their_share() {
-    let config = ExplorationConfig { noise_sigma: 0.0, ..ExplorationConfig::baselines() };
+    let config = ExplorationConfig { noise_sigma: 0.0, ..baselines() };
     let actions = noisy(&config, &[0.5, 0.5]);
     let random = actions.iter().filter(|a| a[0] != 0.5).count() as f32 / N_STEPS as f32;
     assert!((random - 0.3).abs() < 0.01, "share {random}");
@@ -86,7 +107,7 @@ fn baselines_random_steps_have_their_share() {
 
 #[test]
 fn random_actions_are_held_and_cover_the_range() {
-    let config = ExplorationConfig { noise_sigma: 0.0, ..ExplorationConfig::default() };
+    let config = ExplorationConfig { noise_sigma: 0.0, ..exploration_config() };
     let actions = noisy(&config, &[2.0 / 3.0]);
     let runs: Vec<&[Vec<f32>]> = actions.chunk_by(|a, b| a[0] == b[0]).collect();
     let random: Vec<_> = runs.iter().filter(|run| run[0][0] != 2.0 / 3.0).collect();
@@ -101,8 +122,8 @@ fn random_actions_are_held_and_cover_the_range() {
 
 #[test]
 fn warmup_ignores_the_policy_and_holds_each_group_as_scaled() {
-    let config = ExplorationConfig { hold_scale: vec![1.0, 3.0, 1.0], ..ExplorationConfig::default() };
-    let exploration = Exploration::warmup(&config, 3, &mut rng::stream(4, "explore", 1));
+    let config = ExplorationConfig { dimensions: held(&[1.0, 3.0, 1.0]), ..exploration_config() };
+    let exploration = Exploration::warmup(&config, 3);
     let actions = run(exploration, &[f32::NAN; 3], 5);
     assert!((mean_hold(&actions, 0) - 5.0).abs() < 0.25, "{}", mean_hold(&actions, 0));
     assert!((mean_hold(&actions, 1) - 15.0).abs() < 1.0, "{}", mean_hold(&actions, 1));
@@ -113,7 +134,7 @@ fn warmup_ignores_the_policy_and_holds_each_group_as_scaled() {
 
 #[test]
 fn longer_holds_start_more_seldom() {
-    let config = ExplorationConfig { noise_sigma: 0.0, hold_scale: vec![1.0, 4.0], ..ExplorationConfig::default() };
+    let config = ExplorationConfig { noise_sigma: 0.0, dimensions: held(&[1.0, 4.0]), ..exploration_config() };
     let actions = noisy(&config, &[0.25, 0.25]);
     let share = |d: usize| actions.iter().filter(|a| a[d] != 0.25).count() as f64 / N_STEPS as f64;
     assert!((share(0) - 5.0 / 14.0).abs() < 0.03, "{}", share(0));
@@ -123,12 +144,12 @@ fn longer_holds_start_more_seldom() {
 #[test]
 fn coordinated_actions_close_together_and_go_to_ends() {
     use Coordination::{Ends, Free, Together};
-    let coordination = vec![Together(1.0), Together(-1.0), Ends, Free];
-    let with = |coordinated_probability, coordination| {
-        let config = ExplorationConfig { coordinated_probability, coordination, ..ExplorationConfig::default() };
-        run(Exploration::warmup(&config, 4, &mut rng::stream(4, "explore", 1)), &[0.0; 4], 5)
+    let dimensions = coordinated(&[Together(1.0), Together(-1.0), Ends, Free]);
+    let with = |coordinated_probability, dimensions| {
+        let config = ExplorationConfig { coordinated_probability, dimensions, ..exploration_config() };
+        run(Exploration::warmup(&config, 4), &[0.0; 4], 5)
     };
-    let actions = with(1.0, coordination.clone());
+    let actions = with(1.0, dimensions.clone());
     assert!(actions.iter().all(|a| a[2].abs() == 1.0));
     // Each of the two may be off the shared value by 0.15, and is held inside the range.
     assert!(actions.iter().all(|a| (a[0] + a[1]).abs() <= 0.3 + 1e-6), "the second closes the other way");
@@ -138,22 +159,21 @@ fn coordinated_actions_close_together_and_go_to_ends() {
     assert!(mean(actions.iter().map(|a| a[2])).abs() < 0.05, "both ends are as frequent");
     assert!((mean_hold(&actions, 0) - 15.0).abs() < 1.0, "three times as long: {}", mean_hold(&actions, 0));
     // Half of the actions, and three quarters of the time.
-    let half = with(0.5, coordination.clone());
+    let half = with(0.5, dimensions.clone());
     let at_ends = half.iter().filter(|a| a[2].abs() == 1.0).count() as f64 / N_STEPS as f64;
     assert!((at_ends - 0.75).abs() < 0.02, "{at_ends}");
     // Without a coordination nothing is drawn for it.
     assert_eq!(with(1.0, Vec::new()), with(0.0, Vec::new()));
-    let long = ExplorationConfig { coordination, ..ExplorationConfig::default() };
-    assert!(matches!(long.validate(3), Err(RlError::Length { name: "coordination", expected: 3, got: 4 })));
-    assert!(matches!(long.validate(4), Err(RlError::Length { name: "start", expected: 4, got: 0 })));
+    assert_eq!(with(1.0, held(&[1.0; 4])), with(1.0, Vec::new()));
 }
 
 #[test]
 fn an_attempt_comes_down_closes_and_rises() {
     use Coordination::{Ends, Free, Together};
-    let coordination = vec![Together(1.0), Together(-1.0), Ends, Free];
-    let start = vec![-0.6, 0.5, 0.1, 0.3];
-    let config = ExplorationConfig { coordination, start: start.clone(), ..ExplorationConfig::default() };
+    let start = [-0.6, 0.5, 0.1, 0.3];
+    let mut dimensions = coordinated(&[Together(1.0), Together(-1.0), Ends, Free]);
+    dimensions.iter_mut().zip(start).for_each(|(dimension, start)| dimension.start = start);
+    let config = ExplorationConfig { dimensions, ..exploration_config() };
     config.validate(4).unwrap();
     let mut closed_by = Vec::new();
     for episode in 0..200 {
@@ -189,11 +209,12 @@ fn none_changes_nothing() {
 
 #[test]
 fn wrong_values_are_refused_by_name() {
-    let wrong: [(&str, ExplorationConfig); 4] = [
-        ("noise_correlation", ExplorationConfig { noise_correlation: 1.0, ..ExplorationConfig::default() }),
-        ("random_probability", ExplorationConfig { random_probability: 1.5, ..ExplorationConfig::default() }),
-        ("random_hold_steps", ExplorationConfig { random_hold_steps: 0.5, ..ExplorationConfig::default() }),
-        ("noise_sigma", ExplorationConfig { noise_sigma: f32::NAN, ..ExplorationConfig::default() }),
+    let wrong: [(&str, ExplorationConfig); 5] = [
+        ("hold_scale", ExplorationConfig { dimensions: held(&[1.0, 0.5]), ..exploration_config() }),
+        ("noise_correlation", ExplorationConfig { noise_correlation: 1.0, ..exploration_config() }),
+        ("random_probability", ExplorationConfig { random_probability: 1.5, ..exploration_config() }),
+        ("random_hold_steps", ExplorationConfig { random_hold_steps: 0.5, ..exploration_config() }),
+        ("noise_sigma", ExplorationConfig { noise_sigma: f32::NAN, ..exploration_config() }),
     ];
     for (name, config) in wrong {
         match config.validate(2) {
@@ -201,8 +222,12 @@ fn wrong_values_are_refused_by_name() {
             other => panic!("{name}: {other:?}"),
         }
     }
-    let config = ExplorationConfig { hold_scale: vec![1.0; 3], ..ExplorationConfig::default() };
-    assert!(matches!(config.validate(2), Err(RlError::Length { name: "hold_scale", expected: 2, got: 3 })));
+    let config = ExplorationConfig { dimensions: held(&[1.0; 3]), ..exploration_config() };
+    assert!(matches!(config.validate(2), Err(RlError::Length { name: "dimensions", expected: 2, got: 3 })));
     assert!(config.validate(3).is_ok());
-    assert!(serde_json::from_str::<ExplorationConfig>(r#"{"noise_sigmas": 1}"#).is_err());
+    let text = serde_json::to_string(&exploration_config()).unwrap();
+    assert_eq!(serde_json::from_str::<ExplorationConfig>(&text).unwrap(), exploration_config());
+    let other = text.replace("noise_sigma", "noise_sigmas");
+    let error = serde_json::from_str::<ExplorationConfig>(&other).unwrap_err().to_string();
+    assert!(error.contains("unknown field `noise_sigmas`"), "{error}");
 }

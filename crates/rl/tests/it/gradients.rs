@@ -2,11 +2,11 @@
 
 use eigenhand_rl::{
     ACTION_L2_DIMENSIONS, Ddpg, DdpgConfig, EpisodeShape, InputGradient, LayerShape, Mlp, OutputActivation, Rows,
-    TensorMap, rng,
+    RunningNormalizer, TensorMap, rng,
 };
 use rand::RngExt;
 
-use crate::{assert_close, random_batch, random_episode};
+use crate::{NORMALIZER, assert_close, learner_config, random_batch, random_episode};
 
 /// Half the distance of the two points of a difference quotient.
 const H: f64 = 1e-6;
@@ -155,23 +155,26 @@ fn check_losses(critic_layer_norm: bool) {
         clip_targets: false,
         action_l2: 0.8,
         critic_layer_norm,
-        ..DdpgConfig::default()
+        ..learner_config()
     };
     let (gamma, action_l2) = (f64::from(config.gamma), f64::from(config.action_l2));
     let mut learner = Ddpg::new(config, 4, 2, 3, &mut draws).unwrap();
     let episode = random_episode(shape, &mut draws);
     learner.update_normalizers(&episode.observations, &episode.achieved_goals);
+    let [mut observations, mut goals] = [4, 2].map(|dim| RunningNormalizer::new(NORMALIZER, dim));
+    observations.update(&episode.observations);
+    goals.update(&episode.achieved_goals);
     let batch = random_batch(BATCH, shape, &mut draws);
     let before = learner.to_tensors();
-    let stats = learner.update(&batch, &mut draws);
+    let stats = learner.update(&batch);
     let after = learner.to_tensors();
 
     let actor_layers = Mlp::zeros(&[6, 8, 8, 3], OutputActivation::Tanh).layers().to_vec();
     let critic_layers = Mlp::zeros(&[9, 8, 8, 1], OutputActivation::Linear).layers().to_vec();
-    let state = |observations: &[f32], i: usize| -> Vec<f64> {
+    let state = |rows: &[f32], i: usize| -> Vec<f64> {
         let (mut obs, mut goal) = ([0.0; 4], [0.0; 2]);
-        learner.observation_normalizer().normalize(&observations[i * 4..][..4], &mut obs);
-        learner.goal_normalizer().normalize(&batch.goals[i * 2..][..2], &mut goal);
+        observations.normalize(&rows[i * 4..][..4], &mut obs);
+        goals.normalize(&batch.goals[i * 2..][..2], &mut goal);
         doubles(&[obs.as_slice(), &goal].concat())
     };
     let act = |actor: &[f64], s: &[f64]| forward(&actor_layers, actor, s, true, false);
@@ -180,7 +183,7 @@ fn check_losses(critic_layer_norm: bool) {
     };
 
     let actor = doubles(&flat(&before, "actor", &actor_layers));
-    let critic = doubles(&flat(&before, "critic0", &critic_layers));
+    let critic = doubles(&flat(&before, "critic", &critic_layers));
     let targets: Vec<f64> = (0..BATCH)
         .map(|i| {
             let next = state(&batch.next_observations, i);
@@ -195,10 +198,10 @@ fn check_losses(critic_layer_norm: bool) {
         (0..BATCH).map(square).sum::<f64>() / BATCH as f64
     };
     assert_close("critic loss", f64::from(stats.critic_loss), critic_loss(&critic), 1e-5);
-    let got = first_gradient(&after, "critic0", &critic_layers);
+    let got = first_gradient(&after, "critic", &critic_layers);
     assert_all_close("critic", &got, &differentiate(critic_loss, &critic), 2e-5);
 
-    let critic = doubles(&flat(&after, "critic0", &critic_layers));
+    let critic = doubles(&flat(&after, "critic", &critic_layers));
     let actor_loss = |actor: &[f64]| -> f64 {
         let term = |i: usize| {
             let s = state(&batch.observations, i);
@@ -207,7 +210,7 @@ fn check_losses(critic_layer_norm: bool) {
         };
         (0..BATCH).map(term).sum::<f64>() / BATCH as f64
     };
-    assert_close("actor loss", f64::from(stats.actor_loss.unwrap()), actor_loss(&actor), 1e-5);
+    assert_close("actor loss", f64::from(stats.actor_loss), actor_loss(&actor), 1e-5);
     let got = first_gradient(&after, "actor", &actor_layers);
     assert_all_close("actor", &got, &differentiate(actor_loss, &actor), 2e-5);
 }

@@ -3,7 +3,7 @@
 use eigenhand_rl::{Batch, GoalChoice, HerConfig, Replay, RewardFn, RlError, choose_goal, rng, sample_batch};
 use proptest::prelude::*;
 
-use crate::{SHAPE, random_episode};
+use crate::{HER, SHAPE, random_episode};
 
 /// A reward that depends on each of its arguments.
 struct Mixed;
@@ -70,11 +70,12 @@ proptest! {
 fn shares_are_as_configured_and_draws_uniform() {
     let replay = replay(4, 3);
     let mut batch = Batch::new(40_000, SHAPE);
-    sample_batch(&replay, &HerConfig::default(), &mut rng::stream(1, "replay", 0), &Mixed, &mut batch).unwrap();
-    assert!((batch.relabelled_share() - 0.8).abs() < 0.01, "{}", batch.relabelled_share());
+    sample_batch(&replay, &HER, &mut rng::stream(1, "replay", 0), &Mixed, &mut batch).unwrap();
     let share = |f: &dyn Fn(&eigenhand_rl::Origin) -> bool| {
         batch.origins.iter().filter(|o| f(o)).count() as f32 / batch.len as f32
     };
+    let relabelled = share(&|o| o.goal != GoalChoice::Original);
+    assert!((relabelled - 0.8).abs() < 0.01, "{relabelled}");
     for episode in 0..4 {
         assert!((share(&|o| o.episode == episode) - 0.25).abs() < 0.01);
     }
@@ -93,7 +94,7 @@ fn shares_are_as_configured_and_draws_uniform() {
 fn an_empty_replay_is_an_error() {
     let replay = Replay::new(1, SHAPE).unwrap();
     let mut batch = Batch::new(1, SHAPE);
-    let result = sample_batch(&replay, &HerConfig::default(), &mut rng::stream(0, "replay", 0), &Mixed, &mut batch);
+    let result = sample_batch(&replay, &HER, &mut rng::stream(0, "replay", 0), &Mixed, &mut batch);
     assert!(matches!(result, Err(RlError::EmptyReplay)));
 }
 

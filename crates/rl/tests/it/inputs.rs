@@ -3,7 +3,7 @@
 use eigenhand_rl::{NormalizerConfig, RunningNormalizer, rng};
 use rand::RngExt;
 
-use crate::assert_close;
+use crate::{NORMALIZER, assert_close};
 
 const DIM: usize = 3;
 
@@ -16,7 +16,7 @@ fn rows(n: usize) -> Vec<f32> {
 #[test]
 fn mean_and_deviation_over_several_updates() {
     let rows = rows(1000);
-    let mut normalizer = RunningNormalizer::new(NormalizerConfig::default(), DIM);
+    let mut normalizer = RunningNormalizer::new(NORMALIZER, DIM);
     for part in rows.chunks(DIM * 77) {
         normalizer.update(part);
     }
@@ -49,7 +49,7 @@ fn values_are_clipped_before_and_after() {
 
 #[test]
 fn without_data_only_the_clips_act() {
-    let normalizer = RunningNormalizer::new(NormalizerConfig::default(), 2);
+    let normalizer = RunningNormalizer::new(NORMALIZER, 2);
     let mut out = [0.0; 2];
     normalizer.normalize(&[0.25, -1000.0], &mut out);
     assert_eq!(out, [0.25, -5.0]);
@@ -57,6 +57,6 @@ fn without_data_only_the_clips_act() {
 
 #[test]
 fn constants_must_be_positive() {
-    let error = NormalizerConfig { norm_clip: 0.0, ..NormalizerConfig::default() }.validate().unwrap_err();
+    let error = NormalizerConfig { norm_clip: 0.0, ..NORMALIZER }.validate().unwrap_err();
     assert!(error.to_string().contains("norm_clip"), "{error}");
 }

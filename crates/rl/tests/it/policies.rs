@@ -1,9 +1,9 @@
-//! Policies, targets and delays.
+//! Policies, targets and divergence.
 
-use eigenhand_rl::{Ddpg, DdpgConfig, Mlp, OutputActivation, Policy, Rows, TensorMap, Which, rng};
+use eigenhand_rl::{ActorChoice, Ddpg, DdpgConfig, Mlp, OutputActivation, Policy, Rows, TensorMap, rng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::{SHAPE, assert_close, random_batch, random_episode};
+use crate::{NORMALIZER, SHAPE, assert_close, learner_config, random_batch, random_episode, without};
 
 const BATCH: usize = 16;
 
@@ -31,12 +31,12 @@ fn sum_of_weights(tensors: &TensorMap, name: &str) -> f32 {
 #[test]
 fn a_single_row_agrees_with_the_batched_network_and_the_export() {
     let mut draws = rng::stream(21, "policy", 0);
-    let mut learner = learner(DdpgConfig::default(), &mut draws);
+    let mut learner = learner(learner_config(), &mut draws);
     let batch = random_batch(BATCH, SHAPE, &mut draws);
     for _ in 0..20 {
-        learner.update(&batch, &mut draws);
+        learner.update(&batch);
     }
-    let policy = learner.policy(Which::Online);
+    let policy = learner.policy(ActorChoice::Online);
     let tensors = TensorMap::load_bytes(&policy.export_tensors().save_bytes().unwrap()).unwrap();
     let mut net = Mlp::zeros(&[7, 33, 20, 3], OutputActivation::Tanh);
     for (i, layer) in net.layers().to_vec().into_iter().enumerate() {
@@ -66,31 +66,28 @@ fn a_single_row_agrees_with_the_batched_network_and_the_export() {
 #[test]
 fn an_imported_policy_acts_as_the_exported_one() {
     let mut draws = rng::stream(27, "policy", 0);
-    let policy = learner(DdpgConfig::default(), &mut draws).policy(Which::Online);
+    let policy = learner(learner_config(), &mut draws).policy(ActorChoice::Online);
     let tensors = TensorMap::load_bytes(&policy.export_tensors().save_bytes().unwrap()).unwrap();
-    let normalizer = DdpgConfig::default().normalizer;
-    let imported = Policy::import_tensors(&tensors, &normalizer).unwrap();
+    let imported = Policy::import_tensors(&tensors, &NORMALIZER).unwrap();
     let batch = random_batch(BATCH, SHAPE, &mut draws);
     for i in 0..BATCH {
         let (observation, goal) = (&batch.observations[i * 5..][..5], &batch.goals[i * 2..][..2]);
         assert_eq!(act(&imported, observation, goal), act(&policy, observation, goal));
     }
     for (name, _) in tensors.iter() {
-        let mut without = tensors.clone();
-        without.remove(name);
-        assert!(Policy::import_tensors(&without, &normalizer).is_err(), "without {name}");
+        assert!(Policy::import_tensors(&without(&tensors, name), &NORMALIZER).is_err(), "without {name}");
     }
 }
 
 #[test]
 fn a_snapshot_does_not_change_and_is_shared_between_threads() {
     let mut draws = rng::stream(22, "policy", 0);
-    let mut learner = learner(DdpgConfig::default(), &mut draws);
+    let mut learner = learner(learner_config(), &mut draws);
     let batch = random_batch(BATCH, SHAPE, &mut draws);
-    let policy = learner.policy(Which::Online);
+    let policy = learner.policy(ActorChoice::Online);
     let (observation, goal) = ([0.1, -0.2, 0.3, 0.0, 0.5], [0.2, 0.4]);
     let before = act(&policy, &observation, &goal);
-    learner.update(&batch, &mut draws);
+    learner.update(&batch);
     let workers: Vec<_> = (0..3)
         .map(|_| {
             std::thread::spawn({
@@ -102,24 +99,24 @@ fn a_snapshot_does_not_change_and_is_shared_between_threads() {
     for worker in workers {
         assert_eq!(worker.join().unwrap(), before);
     }
-    assert_ne!(act(&learner.policy(Which::Online), &observation, &goal), before);
+    assert_ne!(act(&learner.policy(ActorChoice::Online), &observation, &goal), before);
 }
 
 #[test]
 fn targets_follow_at_their_rate_and_period() {
     let mut draws = rng::stream(23, "policy", 0);
-    let config = DdpgConfig { tau: 0.25, target_update_every: 2, ..DdpgConfig::default() };
+    let config = DdpgConfig { tau: 0.25, target_update_every: 2, ..learner_config() };
     let mut learner = learner(config, &mut draws);
     let batch = random_batch(BATCH, SHAPE, &mut draws);
     let start = learner.to_tensors();
-    for name in ["actor", "critic0"] {
+    for name in ["actor", "critic"] {
         assert_eq!(sum_of_weights(&start, name), sum_of_weights(&start, &format!("{name}_target")));
     }
-    learner.update(&batch, &mut draws);
+    learner.update(&batch);
     let once = learner.to_tensors();
-    learner.update(&batch, &mut draws);
+    learner.update(&batch);
     let twice = learner.to_tensors();
-    for name in ["actor", "critic0"] {
+    for name in ["actor", "critic"] {
         let target = format!("{name}_target");
         let [first, last] = [&start, &once].map(|t| sum_of_weights(t, &target));
         assert_eq!(first, last, "{target} waits");
@@ -131,41 +128,40 @@ fn targets_follow_at_their_rate_and_period() {
 }
 
 #[test]
-fn a_delayed_actor_waits_while_its_target_follows() {
+fn the_averaged_actor_is_the_mean_of_all_actors_at_first() {
     let mut draws = rng::stream(24, "policy", 0);
-    let mut learner = learner(DdpgConfig { actor_delay: 3, ..DdpgConfig::default() }, &mut draws);
+    let mut learner = learner(DdpgConfig { average_updates: 3, ..learner_config() }, &mut draws);
     let batch = random_batch(BATCH, SHAPE, &mut draws);
-    let start = sum_of_weights(&learner.to_tensors(), "actor");
-    for update in 1..=6 {
-        let stats = learner.update(&batch, &mut draws);
-        assert_eq!(stats.actor_loss.is_some(), update % 3 == 0, "update {update}");
-        assert_eq!(sum_of_weights(&learner.to_tensors(), "actor") != start, update >= 3, "update {update}");
+    let bias = |policy: Policy| -> Vec<f32> { policy.export_tensors().f32s("actor.2.bias", &[3]).unwrap().to_vec() };
+    let mut actors = Vec::new();
+    for _ in 0..3 {
+        learner.update(&batch);
+        actors.push(bias(learner.policy(ActorChoice::Online)));
     }
-    let tensors = learner.to_tensors();
-    let (target, online) = (sum_of_weights(&tensors, "actor_target"), sum_of_weights(&tensors, "actor"));
-    assert!(target != start && target != online);
+    for (i, got) in bias(learner.policy(ActorChoice::Average)).into_iter().enumerate() {
+        let mean = actors.iter().map(|actor| f64::from(actor[i])).sum::<f64>() / 3.0;
+        assert_close("average", f64::from(got), mean, 1e-6);
+    }
+    let (last, average) = (&actors[2], bias(learner.policy(ActorChoice::Average)));
+    learner.update(&batch);
+    for (i, got) in bias(learner.policy(ActorChoice::Average)).into_iter().enumerate() {
+        let online = bias(learner.policy(ActorChoice::Online))[i];
+        let expected = average[i] + (online - average[i]) / 3.0;
+        assert_close("average", f64::from(got), f64::from(expected), 1e-6);
+        assert_ne!(got, last[i]);
+    }
+    assert_ne!(bias(learner.policy(ActorChoice::Target)), bias(learner.policy(ActorChoice::Online)));
 }
 
 #[test]
-fn target_smoothing_draws_and_changes_targets() {
+fn a_learner_that_diverges_says_so() {
     let mut draws = rng::stream(25, "policy", 0);
-    let plain = learner(DdpgConfig::default(), &mut draws);
-    let mut smooth = Ddpg::from_tensors(
-        DdpgConfig { target_smoothing: 0.5, ..plain.config().clone() },
-        SHAPE.obs_dim,
-        SHAPE.goal_dim,
-        SHAPE.act_dim,
-        &plain.to_tensors(),
-    )
-    .unwrap();
-    let mut plain = plain;
-    let batch = random_batch(BATCH, SHAPE, &mut draws);
-    let untouched = draws.get_word_pos();
-    let without = plain.update(&batch, &mut draws);
-    assert_eq!(draws.get_word_pos(), untouched);
-    let with = smooth.update(&batch, &mut draws);
-    assert_ne!(draws.get_word_pos(), untouched);
-    assert_ne!(with.target_mean, without.target_mean);
+    for (actor_lr, critic_lr) in [(1e-3, 1e30), (1e38, 1e-3)] {
+        let mut learner = learner(DdpgConfig { actor_lr, critic_lr, ..learner_config() }, &mut draws);
+        let finite: Vec<bool> =
+            (0..10).map(|_| learner.update(&random_batch(BATCH, SHAPE, &mut draws)).is_finite()).collect();
+        assert!(finite[0] && !finite[9], "rates {actor_lr} and {critic_lr}: {finite:?}");
+    }
 }
 
 /// A bandit in which the best action is a known function of the observation.
@@ -173,7 +169,7 @@ fn target_smoothing_draws_and_changes_targets() {
 fn the_learner_finds_the_best_action() {
     let mut draws = rng::stream(26, "policy", 0);
     let config =
-        DdpgConfig { gamma: 0.0, clip_targets: false, action_l2: 0.0, batch_size: 64, ..DdpgConfig::default() };
+        DdpgConfig { gamma: 0.0, clip_targets: false, action_l2: 0.0, batch_size: 64, ..learner_config() };
     let config = DdpgConfig { hidden: vec![32, 32], ..config };
     let mut learner = Ddpg::new(config, SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim, &mut draws).unwrap();
     let best = |observation: &[f32], goal: &[f32]| [0.5 * observation[0], -0.5 * goal[1], 0.3];
@@ -184,9 +180,9 @@ fn the_learner_finds_the_best_action() {
             let miss = batch.actions[i * 3..][..3].iter().zip(best).map(|(a, b)| (a - b) * (a - b));
             batch.rewards[i] = -miss.sum::<f32>();
         }
-        assert!(learner.update(&batch, &mut draws).is_finite());
+        assert!(learner.update(&batch).is_finite());
     }
-    let policy = learner.policy(Which::Online);
+    let policy = learner.policy(ActorChoice::Online);
     let test = random_batch(64, SHAPE, &mut draws);
     let mut error = 0.0;
     for i in 0..64 {
@@ -200,17 +196,18 @@ fn the_learner_finds_the_best_action() {
 #[test]
 fn wrong_constants_are_refused_by_name() {
     let wrong = [
-        ("gamma", DdpgConfig { gamma: 1.0, ..DdpgConfig::default() }),
-        ("tau", DdpgConfig { tau: 0.0, ..DdpgConfig::default() }),
-        ("batch_size", DdpgConfig { batch_size: 0, ..DdpgConfig::default() }),
-        ("actor_delay", DdpgConfig { actor_delay: 0, ..DdpgConfig::default() }),
-        ("hidden", DdpgConfig { hidden: vec![8, 0], ..DdpgConfig::default() }),
+        ("gamma", DdpgConfig { gamma: 1.0, ..learner_config() }),
+        ("tau", DdpgConfig { tau: 0.0, ..learner_config() }),
+        ("batch_size", DdpgConfig { batch_size: 0, ..learner_config() }),
+        ("hidden", DdpgConfig { hidden: vec![8, 0], ..learner_config() }),
     ];
     for (name, config) in wrong {
         let error = Ddpg::new(config, 1, 1, 1, &mut rng::stream(0, "init", 0)).unwrap_err();
         assert!(error.to_string().contains(&format!("`{name}`")), "{error}");
     }
-    assert!(serde_json::from_str::<DdpgConfig>(r#"{"gama": 0.9}"#).is_err());
-    let text = serde_json::to_string(&DdpgConfig::default()).unwrap();
-    assert_eq!(serde_json::from_str::<DdpgConfig>(&text).unwrap(), DdpgConfig::default());
+    let text = serde_json::to_string(&learner_config()).unwrap();
+    assert_eq!(serde_json::from_str::<DdpgConfig>(&text).unwrap(), learner_config());
+    let refusal = |text: String| serde_json::from_str::<DdpgConfig>(&text).unwrap_err().to_string();
+    assert!(refusal(text.replace("gamma", "gama")).contains("unknown field `gama`"));
+    assert!(refusal(text.replace(r#""clip_targets":true,"#, "")).contains("missing field `clip_targets`"));
 }

@@ -1,27 +1,26 @@
 //! One whole update against numbers that `tests/data/generate_update.py` computed with NumPy.
 
 use eigenhand_rl::{
-    ACTION_L2_DIMENSIONS, Batch, Ddpg, DdpgConfig, EpisodeShape, NormalizerConfig, TensorData, TensorMap, rng,
+    ACTION_L2_DIMENSIONS, ActionCost, Batch, Ddpg, DdpgConfig, EpisodeShape, NormalizerConfig, TensorData, TensorMap,
 };
 
-use crate::assert_close;
+use crate::{assert_close, learner_config};
 
 const SHAPE: EpisodeShape = EpisodeShape { n_steps: 1, obs_dim: 4, goal_dim: 2, act_dim: 3, fact_dim: 0 };
 const BATCH: usize = 6;
 
-fn config(twin_critics: bool) -> DdpgConfig {
+fn config(critic_layer_norm: bool) -> DdpgConfig {
     DdpgConfig {
         hidden: vec![8, 8],
         gamma: 0.9,
         tau: 0.05,
         average_updates: 3,
-        critic_layer_norm: false,
+        critic_layer_norm,
         // The reference takes the mean.
         action_l2: 0.7 * ACTION_L2_DIMENSIONS / SHAPE.act_dim as f32,
         batch_size: BATCH,
-        twin_critics,
         normalizer: NormalizerConfig { epsilon: 0.01, norm_clip: 1.5, raw_clip: 3.0 },
-        ..DdpgConfig::default()
+        ..learner_config()
     }
 }
 
@@ -35,27 +34,32 @@ fn part(all: &TensorMap, prefix: &str) -> TensorMap {
     out
 }
 
-fn check_update(bytes: &[u8], twin_critics: bool) {
+fn check_update(bytes: &[u8], critic_layer_norm: bool, with_cost: bool) {
     let fixture = TensorMap::load_bytes(bytes).unwrap();
     let [obs, goal, act] = [SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim];
     let before = part(&fixture, "before.");
-    let mut learner = Ddpg::from_tensors(config(twin_critics), obs, goal, act, &before).unwrap();
+    let mut learner = Ddpg::from_tensors(config(critic_layer_norm), obs, goal, act, &before).unwrap();
     let mut batch = Batch::new(BATCH, SHAPE);
     batch.observations.copy_from_slice(fixture.f32s("batch.observations", &[BATCH, obs]).unwrap());
     batch.goals.copy_from_slice(fixture.f32s("batch.goals", &[BATCH, goal]).unwrap());
     batch.actions.copy_from_slice(fixture.f32s("batch.actions", &[BATCH, act]).unwrap());
     batch.rewards.copy_from_slice(fixture.f32s("batch.rewards", &[BATCH]).unwrap());
     batch.next_observations.copy_from_slice(fixture.f32s("batch.next_observations", &[BATCH, obs]).unwrap());
+    if with_cost {
+        let matrix = fixture.f32s("cost.matrix", &[act, act]).unwrap().to_vec();
+        let above = fixture.f32s("cost.above", &[1]).unwrap()[0];
+        learner.set_action_cost(Some(ActionCost::new(matrix, act, above)));
+    }
 
-    let stats = learner.update(&batch, &mut rng::stream(0, "update", 0));
+    let stats = learner.update(&batch);
 
     for (name, got) in [
         ("critic_loss", stats.critic_loss),
-        ("actor_loss", stats.actor_loss.unwrap()),
+        ("actor_loss", stats.actor_loss),
         ("q_mean", stats.q_mean),
         ("target_mean", stats.target_mean),
         ("clipped_share", stats.clipped_share),
-        ("action_square_mean", stats.action_square_mean.unwrap()),
+        ("action_square_mean", stats.action_square_mean),
     ] {
         let expected = fixture.f64s(&format!("stats.{name}"), &[1]).unwrap()[0];
         assert_close(name, f64::from(got), expected, 1e-5);
@@ -76,11 +80,11 @@ fn check_update(bytes: &[u8], twin_critics: bool) {
 }
 
 #[test]
-fn one_critic() {
-    check_update(include_bytes!("../data/update_single.safetensors"), false);
+fn the_default_learner() {
+    check_update(include_bytes!("../data/update_default.safetensors"), true, true);
 }
 
 #[test]
-fn two_critics() {
-    check_update(include_bytes!("../data/update_twin.safetensors"), true);
+fn without_layer_normalisation_and_cost() {
+    check_update(include_bytes!("../data/update_plain.safetensors"), false, false);
 }
