@@ -1,7 +1,7 @@
 //! The Adam optimiser over one flat parameter vector.
 
-use crate::aligned::Aligned;
 use crate::elementwise::{self, AdamCoefficients};
+use crate::matrix::{Aligned, zeros};
 
 /// Decay of the first moment.
 // Double precision, because it is the small distance of a decay from 1 that acts.
@@ -35,12 +35,7 @@ pub(crate) struct Follow<'a> {
 impl Adam {
     /// Starts with zero moments for `n_parameters` parameters.
     pub fn new(learning_rate: f32, n_parameters: usize) -> Self {
-        Self {
-            learning_rate,
-            first_moment: Aligned::zeros(n_parameters),
-            second_moment: Aligned::zeros(n_parameters),
-            n_steps: 0,
-        }
+        Self { learning_rate, first_moment: zeros(n_parameters), second_moment: zeros(n_parameters), n_steps: 0 }
     }
 
     /// Sets the learning rate of the following steps.

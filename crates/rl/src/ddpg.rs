@@ -3,8 +3,8 @@
 use rand::Rng;
 
 use crate::adam::{Adam, Follow};
-use crate::aligned::Aligned;
 use crate::config::ACTION_L2_DIMENSIONS;
+use crate::matrix::{Aligned, zeros};
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
 use crate::{ActionCost, ActorChoice, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, elementwise};
 
@@ -50,7 +50,9 @@ impl UpdateStats {
     /// Returns whether every number is finite. If one is not, learning has diverged.
     pub fn is_finite(&self) -> bool {
         let Self { critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean } = *self;
-        [critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean].into_iter().all(f32::is_finite)
+        [critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean]
+            .into_iter()
+            .all(f32::is_finite)
     }
 }
 
@@ -121,16 +123,16 @@ impl Ddpg {
         }
         let batch = config.batch_size;
         let scratch = Scratch {
-            input: Aligned::zeros(batch * (state + act_dim)),
-            next_input: Aligned::zeros(batch * (state + act_dim)),
+            input: zeros(batch * (state + act_dim)),
+            next_input: zeros(batch * (state + act_dim)),
             targets: vec![0.0; batch],
             value_gradient: vec![0.0; batch],
             action_gradient: vec![0.0; batch * act_dim],
             deviations: vec![0.0; 2 * act_dim],
             actor: actor.scratch(batch),
             critic: critic.scratch(batch),
-            actor_gradient: Aligned::zeros(actor.parameters().len()),
-            critic_gradient: Aligned::zeros(critic.parameters().len()),
+            actor_gradient: zeros(actor.parameters().len()),
+            critic_gradient: zeros(critic.parameters().len()),
         };
         Ok(Self {
             average: actor.clone(),

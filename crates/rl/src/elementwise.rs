@@ -1,12 +1,12 @@
-//! Elementwise passes of the learner.
+//! Operations on each value of an array, and inner products.
 //!
-//! The bodies have no branches, so that the compiler vectorises them; each is compiled once for every instruction set that
-//! `pulp` knows and the best one of the machine is chosen at run time. That choice changes no result, except that inner
-//! products are summed in as many lanes as a vector register holds.
+//! The bodies have no branches, so that the compiler can vectorise them. Each is compiled for every instruction set of
+//! `pulp`, which chooses the best one of the machine at run time. The choice affects only the inner products: they are sums
+//! of as many lanes as a vector register holds.
 
 /// Defines functions whose bodies are compiled for several instruction sets.
 ///
-/// The body is a function of its own, because the compiler takes from its parameters that the slices do not overlap.
+/// The body is a function of its own: from its parameters the compiler knows that the slices do not overlap.
 macro_rules! vectorized {
     ($($(#[$doc:meta])* fn $name:ident<$life:lifetime>($($arg:ident: $type:ty),* $(,)?) -> $ret:ty $body:block)*) => {$(
         $(#[$doc])*
@@ -28,9 +28,9 @@ macro_rules! vectorized {
     )*};
 }
 
-/// Magnitudes below which Adam takes a number for zero. A unit that no longer responds has gradients of zero, and its
-/// moments would decay into the subnormal numbers and stay there, where arithmetic takes a hundred times as long. Steps
-/// from numbers this small are lost in the rounding of the parameters: epsilon, 1e-8, is what they are divided by.
+/// Adam replaces a number below these magnitudes by zero. A unit that no longer responds has gradients of zero. Its moments
+/// would decay to subnormal numbers and stay there, and arithmetic with them takes a hundred times as long. The steps that
+/// follow from such numbers, divided by Adam's epsilon, are lost in the rounding of the parameters.
 const LEAST_GRADIENT: f32 = 1e-16;
 const LEAST_FIRST_MOMENT: f32 = 1e-30;
 const LEAST_SECOND_MOMENT: f32 = 1e-35;
@@ -104,8 +104,8 @@ impl pulp::WithSimd for Gemv<'_> {
     }
 }
 
-/// Inner products of several rows with `x`; the rows share the reads of `x`.
-// No closures: they would be compiled without the vector instructions.
+/// Inner products of several rows with `x`, which is read once for all of them.
+// No closures, because they would be compiled without the vector instructions.
 #[inline(always)]
 fn row_products<S: pulp::Simd, const N: usize>(simd: S, rows: [&[f32]; N], x: &[f32]) -> [f32; N] {
     let (x_head, x_tail) = S::as_simd_f32s(x);
@@ -129,9 +129,10 @@ fn row_products<S: pulp::Simd, const N: usize>(simd: S, rows: [&[f32]; N], x: &[
     out
 }
 
-/// Hyperbolic tangent to within four times the spacing of numbers at 1: an odd rational function, so that it vectorises.
+/// Hyperbolic tangent as a rational function, which the compiler can vectorise. Its error is less than four times the spacing
+/// of numbers at 1.
 ///
-/// A value that is not a number stays one.
+/// NaN stays NaN.
 ///
 /// # Source
 /// Eigen, `generic_fast_tanh_float`.
@@ -155,9 +156,10 @@ fn tanh(x: f32) -> f32 {
     (x * p / q).clamp(-1.0, 1.0)
 }
 
-/// Added to a variance before its root is taken, as PyTorch's `LayerNorm` does.
+/// Added to a variance before its root is taken, as in PyTorch's `LayerNorm`.
 const NORM_EPSILON: f32 = 1e-5;
-/// Partial sums, so that a sum is not one chain of additions; a fixed number, so that it is the same on every machine.
+/// Number of partial sums of a sum, so that it is not one chain of additions. It is the same on every machine, so that the
+/// result is too.
 const LANES: usize = 32;
 
 #[inline(always)]
@@ -192,7 +194,7 @@ vectorized! {
         }
     }
 
-    /// One Adam step, after which `target` moves by `tau` towards the new parameters.
+    /// One Adam step. Then `target` moves by `tau` towards the new parameters.
     fn adam_polyak<'a>(
         c: AdamCoefficients,
         tau: f32,
@@ -215,8 +217,8 @@ vectorized! {
         }
     }
 
-    /// Adds the bias to each row, brings the row to mean 0 and variance 1, and rectifies. `normalized` keeps the rows before
-    /// rectification and `inverse_std` one over their standard deviations, for [`norm_relu_gradient`].
+    /// Adds the bias to each row, normalises the row to mean 0 and variance 1, and rectifies it. `normalized` receives the
+    /// rows before rectification and `inverse_std` the inverse of their standard deviations, for [`norm_relu_gradient`].
     fn bias_norm_relu<'a>(
         values: &'a mut [f32],
         bias: &'a [f32],
@@ -242,7 +244,7 @@ vectorized! {
         }
     }
 
-    /// Takes the gradient by the results of [`bias_norm_relu`] back to what was given to it.
+    /// Turns the gradient with respect to the results of [`bias_norm_relu`] into that with respect to its arguments.
     fn norm_relu_gradient<'a>(gradient: &'a mut [f32], normalized: &'a [f32], inverse_std: &'a [f32]) -> () {
         let width = gradient.len() / inverse_std.len();
         let rows = gradient.chunks_exact_mut(width).zip(normalized.chunks_exact(width));
@@ -255,6 +257,23 @@ vectorized! {
             for (g, n) in row.iter_mut().zip(normalized) {
                 *g = *inverse_std * (*g - mean - slope * *n);
             }
+        }
+    }
+
+    /// Adds the bias to each row and rectifies it. NaN stays NaN, so that divergence shows.
+    fn bias_relu<'a>(values: &'a mut [f32], bias: &'a [f32]) -> () {
+        for row in values.chunks_exact_mut(bias.len()) {
+            for (v, b) in row.iter_mut().zip(bias) {
+                let sum = *v + *b;
+                *v = if sum < 0.0 { 0.0 } else { sum };
+            }
+        }
+    }
+
+    /// Sets the gradient to zero where the rectified activation is zero.
+    fn relu_gradient<'a>(gradient: &'a mut [f32], activation: &'a [f32]) -> () {
+        for (g, a) in gradient.iter_mut().zip(activation) {
+            *g = if *a == 0.0 { 0.0 } else { *g };
         }
     }
 
@@ -312,6 +331,18 @@ mod tests {
         }
         assert!(worst < 4.0 * f64::from(f32::EPSILON), "error {worst}");
         assert!(tanh(f32::NAN).is_nan());
+    }
+
+    #[test]
+    fn rectification_keeps_nan() {
+        let mut row = [f32::NAN, -2.0, 3.0];
+        bias_relu(&mut row, &[0.0, 1.0, 1.0]);
+        assert!(row[0].is_nan());
+        assert_eq!(row[1..], [0.0, 4.0]);
+        let mut gradient = [1.0, 2.0, f32::NAN];
+        relu_gradient(&mut gradient, &row);
+        assert_eq!(gradient[..2], [1.0, 0.0]);
+        assert!(gradient[2].is_nan());
     }
 
     #[test]

@@ -16,12 +16,10 @@
 
 mod action_cost;
 mod adam;
-mod aligned;
 mod checkpoint;
 mod config;
 mod ddpg;
 mod elementwise;
-mod epilogue;
 mod episode;
 mod error;
 mod explore;

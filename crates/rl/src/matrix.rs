@@ -1,8 +1,20 @@
-//! Matrices over slices, the arguments of the products.
+//! Matrices over slices, the arguments of the products, and the arrays in which their values are stored.
 
 use std::ops::Range;
 
+use aligned_vec::{AVec, ConstAlign, avec};
 use faer::MatRef;
+
+/// Bytes of a cache line, and the most of a vector register.
+const ALIGNMENT: usize = 64;
+
+/// An array that begins at a cache line, so that no vector register is read from two.
+pub(crate) type Aligned = AVec<f32, ConstAlign<ALIGNMENT>>;
+
+/// Returns an array of zeros.
+pub(crate) fn zeros(len: usize) -> Aligned {
+    avec![[ALIGNMENT]| 0.0; len]
+}
 
 /// A read-only matrix over a slice: `rows x cols`, row-major with a row stride, optionally seen transposed.
 #[derive(Clone, Copy, Debug)]
@@ -90,5 +102,20 @@ impl<'a> MatrixMut<'a> {
     pub fn new(data: &'a mut [f32], rows: usize, cols: usize) -> Self {
         assert_eq!(data.len(), rows * cols, "not {rows} x {cols} values");
         Self { data, rows, cols }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrays_and_their_copies_begin_at_a_cache_line() {
+        for len in [1, 15, 16, 1000, 100_000] {
+            let first = zeros(len);
+            for array in [first.clone(), first] {
+                assert_eq!((array.len(), array.as_ptr().addr() % ALIGNMENT), (len, 0));
+            }
+        }
     }
 }

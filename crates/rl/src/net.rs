@@ -1,30 +1,28 @@
-//! Fully connected networks, forward and backward, for a batch at a time.
+//! Fully connected networks: their values and gradients for a whole batch.
 
 use rand::{Rng, RngExt};
 
-use crate::aligned::Aligned;
 use crate::elementwise;
-use crate::epilogue::{BiasRelu, ReluMask, each_row};
-use crate::gemm::{gemm, gemm_then};
-use crate::matrix::{Matrix, MatrixMut};
+use crate::gemm::gemm;
+use crate::matrix::{Aligned, Matrix, MatrixMut, zeros};
 
-/// What follows the last layer.
+/// The activation of the last layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutputActivation {
-    /// Nothing.
+    /// None.
     Linear,
     /// Hyperbolic tangent: outputs in (-1, 1).
     Tanh,
 }
 
-/// Where one layer lies in the flat parameter vector.
+/// The place of one layer in the flat parameter vector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LayerShape {
     /// Inputs of the layer.
     pub inputs: usize,
     /// Outputs of the layer.
     pub outputs: usize,
-    /// Index of the first weight; the weights are `outputs x inputs`, row-major, and the `outputs` biases follow them.
+    /// Index of the first weight. The weights are `outputs x inputs`, row-major. The `outputs` biases follow them.
     pub offset: usize,
 }
 
@@ -44,22 +42,22 @@ impl LayerShape {
 /// Rows of a batch inside a larger row-major array.
 #[derive(Clone, Copy, Debug)]
 pub struct Rows<'a> {
-    /// The array, from the first value of the first row.
+    /// The array from the first value of the first row on.
     pub data: &'a [f32],
-    /// Distance from one row to the next.
+    /// Number of values from the start of a row to that of the next.
     pub stride: usize,
 }
 
-/// A request for the gradient by some of the inputs.
+/// A request for the gradient with respect to `n` of the inputs.
 #[derive(Debug)]
 pub struct InputGradient<'a> {
-    /// First input of interest; the number of inputs follows from the length of `out`.
+    /// Index of the first of these inputs.
     pub first: usize,
-    /// Receives `batch x n` values.
+    /// Receives `batch x n` values. Its length determines `n`.
     pub out: &'a mut [f32],
 }
 
-/// A multi-layer perceptron with rectified hidden layers; all parameters in one flat vector.
+/// A multi-layer perceptron with rectified hidden layers. One flat vector holds all parameters.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mlp {
     layers: Vec<LayerShape>,
@@ -68,22 +66,22 @@ pub struct Mlp {
     parameters: Aligned,
 }
 
-/// Activations and error signals of a batch, sized once for a network and a batch size.
+/// Activations and gradients of a batch, allocated once for a network and a batch size.
 #[derive(Clone, Debug)]
 pub struct MlpScratch {
     batch: usize,
     activations: Vec<Aligned>,
-    /// What layer normalisation gave, for each hidden layer; empty without it.
+    /// Results of layer normalisation for each hidden layer. Empty without it.
     normalized: Vec<Normalized>,
     delta: Aligned,
     next_delta: Aligned,
 }
 
-/// Rows of mean 0 and variance 1 before rectification.
+/// Rows of mean 0 and variance 1, as they are before rectification.
 #[derive(Clone, Debug)]
 struct Normalized {
     values: Aligned,
-    /// One over the standard deviation that a row had.
+    /// The inverse of each row's standard deviation before it was normalised.
     inverse_std: Vec<f32>,
 }
 
@@ -96,7 +94,7 @@ impl MlpScratch {
 }
 
 impl Mlp {
-    /// Draws weights from the uniform distribution of Glorot and Bengio; biases are zero.
+    /// Makes a network with random weights from the uniform distribution of Glorot and Bengio. Its biases are zero.
     ///
     /// # Shapes
     /// `sizes`: inputs, hidden widths, outputs.
@@ -105,7 +103,7 @@ impl Mlp {
     /// Glorot and Bengio 2010, equation 16; OpenAI baselines HER, `util.nn`.
     ///
     /// # Panics
-    /// When `sizes` has fewer than two entries or one is 0.
+    /// If `sizes` has fewer than two entries, or one of them is 0.
     pub fn new(sizes: &[usize], output: OutputActivation, rng: &mut impl Rng) -> Self {
         let mut net = Self::zeros(sizes, output);
         for layer in &net.layers {
@@ -120,7 +118,7 @@ impl Mlp {
     /// Makes a network whose parameters are all zero.
     ///
     /// # Panics
-    /// When `sizes` has fewer than two entries or one is 0.
+    /// If `sizes` has fewer than two entries, or one of them is 0.
     pub fn zeros(sizes: &[usize], output: OutputActivation) -> Self {
         assert!(sizes.len() >= 2 && sizes.iter().all(|&n| n > 0), "a network needs inputs and outputs, got {sizes:?}");
         let mut layers = Vec::with_capacity(sizes.len() - 1);
@@ -130,10 +128,10 @@ impl Mlp {
             offset = layer.bias().end;
             layers.push(layer);
         }
-        Self { layers, output, layer_norm: false, parameters: Aligned::zeros(offset) }
+        Self { layers, output, layer_norm: false, parameters: zeros(offset) }
     }
 
-    /// Puts layer normalisation, without a gain and a bias of its own, before the rectification of each hidden layer.
+    /// Adds layer normalisation before the rectification of each hidden layer. It has no gain and no bias of its own.
     ///
     /// # Source
     /// Ba, Kiros and Hinton 2016; in critics: Hiraoka et al. 2022 (DroQ) and Ball et al. 2023 (RLPD).
@@ -142,18 +140,18 @@ impl Mlp {
         self
     }
 
-    /// Sizes scratch for passes over `batch` rows.
+    /// Allocates scratch for `batch` rows.
     pub fn scratch(&self, batch: usize) -> MlpScratch {
         let widest = self.layers.iter().map(|l| l.outputs).max().unwrap_or(0);
         MlpScratch {
             batch,
-            activations: self.layers.iter().map(|l| Aligned::zeros(batch * l.outputs)).collect(),
+            activations: self.layers.iter().map(|l| zeros(batch * l.outputs)).collect(),
             normalized: self.layers[..if self.layer_norm { self.layers.len() - 1 } else { 0 }]
                 .iter()
-                .map(|l| Normalized { values: Aligned::zeros(batch * l.outputs), inverse_std: vec![0.0; batch] })
+                .map(|l| Normalized { values: zeros(batch * l.outputs), inverse_std: vec![0.0; batch] })
                 .collect(),
-            delta: Aligned::zeros(batch * widest),
-            next_delta: Aligned::zeros(batch * widest),
+            delta: zeros(batch * widest),
+            next_delta: zeros(batch * widest),
         }
     }
 
@@ -162,35 +160,31 @@ impl Mlp {
         &self.layers
     }
 
-    /// Returns the activation of the last layer.
-    pub fn output_activation(&self) -> OutputActivation {
-        self.output
-    }
-
     /// Returns the number of inputs.
-    pub fn inputs(&self) -> usize {
+    pub(crate) fn inputs(&self) -> usize {
         self.layers[0].inputs
     }
 
     /// Returns the number of outputs.
-    pub fn outputs(&self) -> usize {
+    pub(crate) fn outputs(&self) -> usize {
         self.layers[self.layers.len() - 1].outputs
     }
 
-    /// Returns all parameters; see [`LayerShape`] for their order.
+    /// Returns all parameters. [`LayerShape`] tells their order.
     pub fn parameters(&self) -> &[f32] {
         &self.parameters
     }
 
-    /// Returns all parameters for writing.
+    /// Returns all parameters, to be changed.
     pub fn parameters_mut(&mut self) -> &mut [f32] {
         &mut self.parameters
     }
 
-    /// `(x: batch x inputs) => output: batch x outputs`, which stays in the scratch with what the backward pass needs.
+    /// Computes the outputs of a batch: `(x: batch x inputs) => output: batch x outputs`. The scratch keeps them and the
+    /// activations, for [`backward`](Self::backward).
     ///
     /// # Panics
-    /// When `x` holds fewer rows than the scratch, or the scratch is another network's.
+    /// If `x` holds fewer rows than the scratch, or the scratch was made by another network.
     pub fn forward<'s>(&self, x: Rows<'_>, scratch: &'s mut MlpScratch) -> &'s [f32] {
         let batch = scratch.batch;
         let last = self.layers.len() - 1;
@@ -203,32 +197,26 @@ impl Mlp {
             let out = &mut from[0];
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
             let bias = &self.parameters[layer.bias()];
-            let product = MatrixMut::new(out, batch, layer.outputs);
-            if i < last && !self.layer_norm {
-                gemm_then(product, input, weight.t(), BiasRelu { bias });
-                continue;
-            }
-            gemm(product, input, weight.t());
-            match (i == last, self.output) {
-                (false, _) => {
-                    let Normalized { values, inverse_std } = &mut scratch.normalized[i];
-                    elementwise::bias_norm_relu(out, bias, values, inverse_std);
-                }
-                (true, OutputActivation::Linear) => elementwise::bias(out, bias),
-                (true, OutputActivation::Tanh) => elementwise::bias_tanh(out, bias),
+            gemm(MatrixMut::new(out, batch, layer.outputs), input, weight.t());
+            if i < last && self.layer_norm {
+                let Normalized { values, inverse_std } = &mut scratch.normalized[i];
+                elementwise::bias_norm_relu(out, bias, values, inverse_std);
+            } else {
+                self.activate(i, bias, out);
             }
         }
         scratch.output()
     }
 
-    /// Propagates a gradient by the outputs back through the last forward pass; computes only what is asked for.
+    /// Computes the gradients with respect to the parameters, the inputs, or both, from that with respect to the outputs of
+    /// the last [`forward`](Self::forward).
     ///
     /// # Shapes
-    /// `x`: the rows given to [`forward`](Self::forward). `output_gradient`: batch x outputs. `parameter_gradient`: as
-    /// long as [`parameters`](Self::parameters), overwritten. `input_gradient`: see [`InputGradient`].
+    /// `x`: the rows that `forward` was given. `output_gradient`: batch x outputs. `parameter_gradient`: as long as
+    /// [`parameters`](Self::parameters), overwritten. `input_gradient`: see [`InputGradient`].
     ///
     /// # Panics
-    /// When a length does not fit.
+    /// If a length does not fit.
     pub fn backward(
         &self,
         x: Rows<'_>,
@@ -264,13 +252,12 @@ impl Mlp {
             let Some(below) = i.checked_sub(1) else { break };
             let weight = Matrix::new(&self.parameters[layer.weight()], layer.outputs, layer.inputs);
             let next = &mut next_delta[..batch * layer.inputs];
-            let product = MatrixMut::new(next, batch, layer.inputs);
+            gemm(MatrixMut::new(next, batch, layer.inputs), d, weight);
             if self.layer_norm {
-                gemm(product, d, weight);
                 let Normalized { values, inverse_std } = &normalized[below];
                 elementwise::norm_relu_gradient(next, values, inverse_std);
             } else {
-                gemm_then(product, d, weight, ReluMask { activation: &activations[below], width: layer.inputs });
+                elementwise::relu_gradient(next, &activations[below]);
             }
             if let Some(gradient) = parameter_gradient.as_deref_mut() {
                 elementwise::row_sum(next, &mut gradient[self.layers[below].bias()]);
@@ -287,14 +274,14 @@ impl Mlp {
         }
     }
 
-    /// `(x: inputs) => out: outputs` for one row of a network without layer normalisation.
+    /// Computes the outputs of one row: `(x: inputs) => out: outputs`. The network must not have layer normalisation.
     ///
     /// # Shapes
     /// `buffers`: two slices, each at least as long as the widest hidden layer.
     ///
     /// # Panics
-    /// When a slice is too short.
-    pub fn forward_row(&self, x: &[f32], buffers: [&mut [f32]; 2], out: &mut [f32]) {
+    /// If a slice is too short, or the network has layer normalisation.
+    pub(crate) fn forward_row(&self, x: &[f32], buffers: [&mut [f32]; 2], out: &mut [f32]) {
         assert!(!self.layer_norm, "a single row is for networks without layer normalisation");
         let last = self.layers.len() - 1;
         let [mut from, mut to] = buffers;
@@ -304,12 +291,17 @@ impl Mlp {
             let input = if i == 0 { &x[..layer.inputs] } else { &from[..layer.inputs] };
             let result = if i == last { &mut out[..layer.outputs] } else { &mut to[..layer.outputs] };
             elementwise::gemv(weight, input, result);
-            match (i == last, self.output) {
-                (false, _) => each_row(result, layer.outputs, 0, BiasRelu { bias }),
-                (true, OutputActivation::Linear) => elementwise::bias(result, bias),
-                (true, OutputActivation::Tanh) => elementwise::bias_tanh(result, bias),
-            }
+            self.activate(i, bias, result);
             std::mem::swap(&mut from, &mut to);
+        }
+    }
+
+    /// Adds the bias to rows of a layer without normalisation and applies its activation.
+    fn activate(&self, layer: usize, bias: &[f32], rows: &mut [f32]) {
+        match self.output {
+            _ if layer + 1 < self.layers.len() => elementwise::bias_relu(rows, bias),
+            OutputActivation::Linear => elementwise::bias(rows, bias),
+            OutputActivation::Tanh => elementwise::bias_tanh(rows, bias),
         }
     }
 }

@@ -1,10 +1,10 @@
-//! The matrix product where the left factor has many zeros, which are left out. Rectified activations and their gradients
-//! are zero by half or more, each row in other places, so a row of the product is summed up by itself.
+//! The matrix product for a left factor with many zeros, which it skips. Half or more of the rectified activations and of
+//! their gradients are zero, at different places in each row. So each row of the product is computed by itself.
 //!
-//! Columns of the right factor are copied to where they stay in the first cache, and multiplied from there. Each value of
-//! the product is one chain of fused multiplications and additions, in the order of the right factor's rows: to the last
-//! digit what faer's product gives, unless there are so many rows that it sums them up in parts. An infinite value
-//! that is multiplied with zero alone is left out, too.
+//! Columns of the right factor are copied to a panel that stays in the first cache. Each value of the product is one chain
+//! of fused multiplications and additions, in the order of the right factor's rows. Its digits are those of faer's product,
+//! unless there are so many rows that faer adds them in parts. An infinite value is skipped if it is only multiplied by
+//! zeros.
 //!
 //! # Source
 //! Goto and van de Geijn 2008, *Anatomy of High-Performance Matrix Multiplication*, for the order of the loops.
@@ -16,45 +16,44 @@ use std::ops::Range;
 use pulp::NullaryFnOnce;
 use pulp::x86::{V3, V4};
 
-use crate::epilogue::{Epilogue, load, store};
 use crate::matrix::Matrix;
-use registers::Registers;
+use registers::{Registers, load, store};
 
-/// The most multiplications, those for the columns that fill a panel up included, of all that there are without zeros: with
-/// more, leaving some out is no faster.
+/// The largest share of multiplications that are left, those with the columns that fill a panel up included. With a larger
+/// share this product is not faster than faer's.
 const MOST_MULTIPLICATIONS: f32 = 0.75;
 /// Values in a cache line.
 const LINE: usize = 16;
 
-/// Registers in a row of a panel: as many sums, so that none waits for its last addition.
+/// Registers in a row of a panel. A row of the product has as many sums, so that no sum waits for its last addition.
 const VECTORS: usize = 8;
-/// The most rows of a panel: the bits of a mask. With registers of 512 bits a panel fills a first cache of 32 KiB.
+/// The most rows of a panel, which is the number of bits of a mask. With registers of 512 bits a panel fills a first cache
+/// of 32 KiB.
 const DEPTH: usize = u64::BITS as usize;
-/// The most rows of the left factor that are copied at a time.
+/// The most rows of the left factor in one copy.
 const ROWS: usize = 256;
 
-/// `(a: m x k, b: k x n) => out: m x n`, which is overwritten: the rows from row `first` on of what the epilogue knows.
-/// Returns whether it was done, and does nothing where another product is as fast, because there are few zeros in `a` or few
-/// columns in `b`, or where the processor has no AVX2.
+/// Computes `(a: m x k, b: k x n) => out: m x n`, which is overwritten, and returns `true`. Returns `false` and does nothing
+/// if another product is as fast, because `a` has few zeros or `b` few columns, or if the processor has no AVX2.
 ///
 /// # Panics
-/// When the shapes do not fit one another.
-pub(crate) fn product<E: Epilogue>(out: &mut [f32], first: usize, a: Matrix<'_>, b: Matrix<'_>, epilogue: E) -> bool {
+/// If the shapes do not fit.
+pub(crate) fn product(out: &mut [f32], a: Matrix<'_>, b: Matrix<'_>) -> bool {
     let nonzero = 1.0 - share_of_zeros(a);
     if let Some(simd) = V4::try_new() {
-        Product { simd, out, first, a, b, epilogue }.run(nonzero)
+        Product { simd, out, a, b }.run(nonzero)
     } else if let Some(simd) = V3::try_new() {
-        Product { simd, out, first, a, b, epilogue }.run(nonzero)
+        Product { simd, out, a, b }.run(nonzero)
     } else {
         false
     }
 }
 
-/// Estimates the share of a matrix's values that are zero, from one in a cache line in some of the rows; 0 of an empty one.
+/// Estimates the share of zeros in a matrix from one value of each cache line of some rows. It is 0 for an empty matrix.
 fn share_of_zeros(matrix: Matrix<'_>) -> f32 {
     let by_rows = matrix.by_rows();
     let (mut n, mut n_zeros) = (0u32, 0u32);
-    // An odd distance, so that every column is looked at in some row.
+    // The distance is odd, so that every column counts in some row.
     for row in (0..by_rows.rows).step_by(3) {
         for line in by_rows.row(row).chunks(LINE) {
             n_zeros += u32::from(line[row % line.len()] == 0.0);
@@ -64,16 +63,14 @@ fn share_of_zeros(matrix: Matrix<'_>) -> f32 {
     n_zeros as f32 / n.max(1) as f32
 }
 
-struct Product<'a, S, E> {
+struct Product<'a, S> {
     simd: S,
     out: &'a mut [f32],
-    first: usize,
     a: Matrix<'a>,
     b: Matrix<'a>,
-    epilogue: E,
 }
 
-impl<S: Registers, E: Epilogue> NullaryFnOnce for Product<'_, S, E> {
+impl<S: Registers> NullaryFnOnce for Product<'_, S> {
     type Output = ();
 
     #[inline(always)]
@@ -95,8 +92,8 @@ impl<S: Registers, E: Epilogue> NullaryFnOnce for Product<'_, S, E> {
     }
 }
 
-impl<S: Registers, E: Epilogue> Product<'_, S, E> {
-    /// Computes the product and returns `true` where that is worth while with this share of the left factor.
+impl<S: Registers> Product<'_, S> {
+    /// Computes the product and returns `true` if that is worth while with this share of non-zeros in the left factor.
     fn run(self, nonzero: f32) -> bool {
         let n_columns = self.b.cols.next_multiple_of(Panel::<S>::WIDTH);
         if nonzero * n_columns as f32 > MOST_MULTIPLICATIONS * self.b.cols as f32 {
@@ -130,11 +127,6 @@ impl<S: Registers, E: Epilogue> Product<'_, S, E> {
                 let x = simd.splat_f32s(values[p]);
                 for (sum, b) in sums.iter_mut().zip(&panel.0[p]) {
                     *sum = simd.mul_add_e_f32s(x, *b, *sum);
-                }
-            }
-            if depths.end == b.rows {
-                for (j, sum) in sums.iter_mut().enumerate().take(columns.len().div_ceil(S::F32_LANES)) {
-                    *sum = self.epilogue.apply(simd, self.first + row, columns.start + j * S::F32_LANES, *sum);
                 }
             }
             store_wide(simd, out, sums);
@@ -181,7 +173,7 @@ impl Left {
     }
 }
 
-/// A part of the right factor, by rows; zeros stand for columns behind its last.
+/// A part of the right factor, by rows. Zeros follow its last column.
 #[repr(align(64))]
 struct Panel<S: Registers>([[S::f32s; VECTORS]; DEPTH]);
 
@@ -215,8 +207,8 @@ impl<S: Registers> Panel<S> {
     }
 }
 
-/// Reads registers full of values; zeros follow the last.
-// Every loop is over all registers, so that they stay registers.
+/// Reads the registers of a row. Zeros follow the last value.
+// Every loop is over all registers, because only then the compiler keeps the array in registers.
 #[inline(always)]
 fn load_wide<S: Registers>(simd: S, from: &[f32]) -> [S::f32s; VECTORS] {
     match S::as_simd_f32s(from).0.first_chunk() {
@@ -231,7 +223,7 @@ fn load_wide<S: Registers>(simd: S, from: &[f32]) -> [S::f32s; VECTORS] {
     }
 }
 
-/// Writes registers, or as much of them as there is room for.
+/// Writes the registers of a row, as far as `to` is long.
 #[inline(always)]
 fn store_wide<S: Registers>(simd: S, to: &mut [f32], values: [S::f32s; VECTORS]) {
     match S::as_mut_simd_f32s(to).0.first_chunk_mut() {
@@ -247,7 +239,6 @@ fn store_wide<S: Registers>(simd: S, to: &mut [f32], values: [S::f32s; VECTORS])
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::epilogue::{BiasRelu, Keep, ReluMask, each_row};
 
     /// Numbers of which about `share` are zero.
     fn numbers(n: usize, seed: u32, share: f32) -> Vec<f32> {
@@ -268,25 +259,12 @@ mod tests {
     }
 
     fn check<S: Registers>(simd: S, m: usize, k: usize, n: usize) {
-        let (a, b, bias) = (numbers(m * k, 1, 0.5), numbers(k * n, 2, 0.0), numbers(n, 3, 0.0));
+        let (a, b) = (numbers(m * k, 1, 0.5), numbers(k * n, 2, 0.0));
         for a in [Matrix::new(&a, m, k), Matrix::new(&a, k, m).t()] {
             for b in [Matrix::new(&b, k, n), Matrix::new(&b, n, k).t()] {
-                let mut expected = plain(a, b);
                 let mut out = vec![f32::NAN; m * n];
-                simd.run(Product { simd, out: &mut out, first: 0, a, b, epilogue: Keep });
-                assert_eq!(out, expected, "{m} x {k} x {n}");
-
-                let first = 3;
-                let activation = numbers((first + m) * n, 4, 0.5);
-                let epilogue = ReluMask { activation: &activation, width: n };
-                simd.run(Product { simd, out: &mut out, first, a, b, epilogue });
-                let mut masked = expected.clone();
-                each_row(&mut masked, n, first, epilogue);
-                assert_eq!(out, masked, "{m} x {k} x {n}, masked");
-
-                simd.run(Product { simd, out: &mut out, first, a, b, epilogue: BiasRelu { bias: &bias } });
-                each_row(&mut expected, n, first, BiasRelu { bias: &bias });
-                assert_eq!(out, expected, "{m} x {k} x {n}, rectified");
+                simd.run(Product { simd, out: &mut out, a, b });
+                assert_eq!(out, plain(a, b), "{m} x {k} x {n}");
             }
         }
     }
@@ -315,7 +293,7 @@ mod tests {
         let shares = [0.1, 0.5, 0.9].map(|share| numbers(128 * 128, 1, share));
         let [few, half, most] = shares.each_ref().map(|values| Matrix::new(values, 128, 128));
         let mut out = vec![0.0; 128 * 128];
-        let mut is_made = |a: Matrix<'_>, n| product(&mut out[..128 * n], 0, a, few.part(0..128, 0..n), Keep);
+        let mut is_made = |a: Matrix<'_>, n| product(&mut out[..128 * n], a, few.part(0..128, 0..n));
         let here = V3::try_new().is_some();
         assert_eq!([is_made(few, 128), is_made(half, 128), is_made(most, 128)], [false, here, here]);
         assert_eq!([is_made(half, 32), is_made(most, 32), is_made(most, 1)], [false, here, false]);
@@ -326,7 +304,7 @@ mod tests {
         let (mut a, b) = (vec![0.0; 20 * 70], numbers(70 * 128, 1, 0.0));
         a[3 * 70 + 68] = f32::NAN;
         let mut out = vec![0.0; 20 * 128];
-        if !product(&mut out, 0, Matrix::new(&a, 20, 70), Matrix::new(&b, 70, 128), Keep) {
+        if !product(&mut out, Matrix::new(&a, 20, 70), Matrix::new(&b, 70, 128)) {
             return eprintln!("skipped: this processor has no AVX2");
         }
         for (row, values) in out.chunks(128).enumerate() {

@@ -1,23 +1,41 @@
-//! What the product asks of vector registers beside arithmetic.
+//! Operations of vector registers that the product needs besides arithmetic.
 
 use pulp::x86::{V3, V4};
 use pulp::{NullaryFnOnce, Simd, cast, f32x8, f32x16};
 
 /// Vector registers of a processor.
 pub(super) trait Registers: Simd {
-    /// As many registers as one holds values.
+    /// As many registers as a register has values.
     type Square: AsMut<[Self::f32s]> + IntoIterator<Item = Self::f32s>;
     /// Zeros.
     const ZERO_SQUARE: Self::Square;
 
-    /// Runs what is compiled for these registers.
+    /// Runs an operation that is compiled for these registers.
     fn run<Op: NullaryFnOnce>(self, op: Op) -> Op::Output;
 
-    /// Returns a bit for each value that is not zero, the first one's lowest.
+    /// Returns a mask with a bit for each value that is not zero. The lowest bit belongs to the first value.
     fn nonzero(self, values: Self::f32s) -> u64;
 
-    /// Takes registers for the rows of a matrix and returns its columns.
+    /// Returns the columns of the square matrix with these rows.
     fn transposed(self, rows: Self::Square) -> Self::Square;
+}
+
+/// Reads a register full of values. Zeros follow the last.
+#[inline(always)]
+pub(super) fn load<S: Simd>(simd: S, values: &[f32]) -> S::f32s {
+    match S::as_simd_f32s(values).0.first() {
+        Some(whole) => *whole,
+        None => simd.partial_load_f32s(values),
+    }
+}
+
+/// Writes a register, as far as `to` is long.
+#[inline(always)]
+pub(super) fn store<S: Simd>(simd: S, to: &mut [f32], values: S::f32s) {
+    match S::as_mut_simd_f32s(to).0.first_mut() {
+        Some(whole) => *whole = values,
+        None => simd.partial_store_f32s(to, values),
+    }
 }
 
 impl Registers for V4 {
@@ -131,7 +149,6 @@ impl Registers for V3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::epilogue::store;
 
     fn check<S: Registers>(simd: S) {
         let mut rows = S::ZERO_SQUARE;

@@ -168,8 +168,7 @@ fn a_learner_that_diverges_says_so() {
 #[test]
 fn the_learner_finds_the_best_action() {
     let mut draws = rng::stream(26, "policy", 0);
-    let config =
-        DdpgConfig { gamma: 0.0, clip_targets: false, action_l2: 0.0, batch_size: 64, ..learner_config() };
+    let config = DdpgConfig { gamma: 0.0, clip_targets: false, action_l2: 0.0, batch_size: 64, ..learner_config() };
     let config = DdpgConfig { hidden: vec![32, 32], ..config };
     let mut learner = Ddpg::new(config, SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim, &mut draws).unwrap();
     let best = |observation: &[f32], goal: &[f32]| [0.5 * observation[0], -0.5 * goal[1], 0.3];
