@@ -1,7 +1,7 @@
 //! The matrix product for a left factor with many zeros, which it skips. Half or more of the rectified activations and of
 //! their gradients are zero, at different places in each row. So each row of the product is computed by itself.
 //!
-//! Columns of the right factor are copied to a panel that stays in the first cache. Each value of the product is one chain
+//! Columns of the right factor are copied to a panel that stays in the first-level cache. Each value of the product is one chain
 //! of fused multiplications and additions, in the order of the right factor's rows. Its digits are those of faer's product,
 //! unless there are so many rows that faer adds them in parts. An infinite value is skipped if it is only multiplied by
 //! zeros.
@@ -19,16 +19,16 @@ use pulp::x86::{V3, V4};
 use crate::matrix::Matrix;
 use registers::{Registers, load, store};
 
-/// The largest share of multiplications that are left, those with the columns that fill a panel up included. With a larger
-/// share this product is not faster than faer's.
+/// The largest share of the multiplications that may remain, those with the zeros that fill a panel up included. With more,
+/// this product is not faster than faer's.
 const MOST_MULTIPLICATIONS: f32 = 0.75;
 /// Values in a cache line.
 const LINE: usize = 16;
 
 /// Registers in a row of a panel. A row of the product has as many sums, so that no sum waits for its last addition.
 const VECTORS: usize = 8;
-/// The most rows of a panel, which is the number of bits of a mask. With registers of 512 bits a panel fills a first cache
-/// of 32 KiB.
+/// The most rows of a panel, which is the number of bits of a mask. With registers of 512 bits a panel fills a first-level
+/// cache of 32 KiB.
 const DEPTH: usize = u64::BITS as usize;
 /// The most rows of the left factor in one copy.
 const ROWS: usize = 256;
