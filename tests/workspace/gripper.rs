@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two, before those of the test.
-pub const TINY: [&str; 40] = [
+pub const TINY: [&str; 38] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -70,7 +70,6 @@ pub const TINY: [&str; 40] = [
     "task.steps=30",
     "task.final_steps=1",
     "task.goal_height=[0.02, 0.05]",
-    "task.training_goal_height=[0.02, 0.05]",
     "task.object_range=0.005",
     "task.orientation=yaw",
     "task.settle_time=0.1",
@@ -86,5 +85,4 @@ pub const TINY: [&str; 40] = [
     "exploration.noise_sigma=0.1",
     "exploration.random_probability=0.1",
     "exploration.random_hold_steps=5",
-    "exploration.warmup_hold_steps=5",
 ];

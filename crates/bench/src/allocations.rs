@@ -4,7 +4,7 @@
 
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_rl::{Batch, ExplorationConfig, HerConfig, rng, sample_batch};
+use eigenhand_rl::{ActorChoice, Batch, ExplorationConfig, rng, sample_batch};
 use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
 use eigenhand_synergy::Synergy;
 use eigenhand_train::config::RunConfig;
@@ -72,15 +72,14 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     // The learner's bench holds its objects; so every step succeeds, and has both penalty and cost.
     let config_of_success = RewardConfig { success_distance: f64::MAX };
     let reward = GraspReward { config: config_of_success, n_joints: joints.len(), feedback };
-    let Bench { mut learner, replay, threads, .. } = Bench::new(config.learner.clone(), shape, 1)?;
+    let Bench { mut learner, replay, threads, .. } = Bench::new(config.learner.clone(), config.her, shape, 1)?;
     let mut batch = Batch::new(config.learner.batch_size, shape);
-    let her: &HerConfig = &config.her;
     let mut number = 0;
     let mut outcome = Ok(());
     let mut sample = || {
         number += 1;
         let mut random = rng::stream(config.seed, "replay", number);
-        let drawn = sample_batch(&replay, her, &mut random, &reward, &mut batch);
+        let drawn = sample_batch(&replay, &config.her, &mut random, &reward, &mut batch);
         if outcome.is_ok() {
             outcome = drawn;
         }
@@ -90,8 +89,8 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     outcome?;
     learner.set_action_cost(cost);
     let updates = threads.install(|| {
-        learner.update(&batch, &mut random);
-        count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch, &mut random)))
+        learner.update(&batch);
+        count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch)))
     });
     Ok((updates as f64 / UPDATES as f64, samplings as f64 / UPDATES as f64))
 }
@@ -117,7 +116,7 @@ fn of_episodes(
         stream: "bench",
         index: 0,
         scene: Some(0),
-        policy: learner.policy(eigenhand_rl::Which::Online),
+        policy: learner.policy(ActorChoice::Online),
         behaviour: Behaviour::Explore(noisy.into()),
     };
     let mut scratch = job.policy.scratch();

@@ -87,7 +87,7 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    pub fn new(config: DdpgConfig, shape: EpisodeShape, n_threads: usize) -> Result<Bench, BenchError> {
+    pub fn new(config: DdpgConfig, her: HerConfig, shape: EpisodeShape, n_threads: usize) -> Result<Bench, BenchError> {
         let mut random = rng::stream(0, "bench", 0);
         let mut replay = Replay::new(N_EPISODES, shape)?;
         for _ in 0..N_EPISODES {
@@ -105,7 +105,7 @@ impl Bench {
         for episode in replay.episodes() {
             learner.update_normalizers(&episode.observations, &episode.achieved_goals);
         }
-        Ok(Bench { learner, replay, batch, her: HerConfig::default(), random, threads: learning_threads(n_threads)? })
+        Ok(Bench { learner, replay, batch, her, random, threads: learning_threads(n_threads)? })
     }
 
     fn sample(&mut self) -> Result<(), BenchError> {
@@ -113,8 +113,8 @@ impl Bench {
     }
 
     fn update(&mut self) {
-        let Self { learner, batch, random, threads, .. } = self;
-        threads.install(|| learner.update(batch, random));
+        let Self { learner, batch, threads, .. } = self;
+        threads.install(|| learner.update(batch));
     }
 
     fn learn(&mut self, updates: u32) -> Result<(), BenchError> {
@@ -153,13 +153,14 @@ pub fn learner_speed(
         .iter()
         .map(|&batch_size| {
             let learner = DdpgConfig { batch_size, ..config.learner.clone() };
-            measure(learner, shape, setting.duration, peers)
+            measure(learner, config.her, shape, setting.duration, peers)
         })
         .collect()
 }
 
 fn measure(
     config: DdpgConfig,
+    her: HerConfig,
     shape: EpisodeShape,
     duration: Duration,
     peers: &[Peer],
@@ -168,8 +169,8 @@ fn measure(
     let batch = config.batch_size;
     // The peers' networks have no layer normalisation.
     let like_peers = DdpgConfig { critic_layer_norm: false, ..config.clone() };
-    let mut bench = Bench::new(config.clone(), shape, 1)?;
-    let mut shared = Bench::new(config, shape, 2)?;
+    let mut bench = Bench::new(config.clone(), her, shape, 1)?;
+    let mut shared = Bench::new(config, her, shape, 2)?;
     let (a, b) = (Mat::<f32>::full(SQUARE, SQUARE, 0.5), Mat::full(SQUARE, SQUARE, 0.25));
     let mut c = Mat::zeros(SQUARE, SQUARE);
     bench.learn(1)?;
@@ -223,7 +224,7 @@ fn measure(
         peers_failed: Vec::new(),
     };
     for peer in peers {
-        match compare(peer, &like_peers, shape, duration) {
+        match compare(peer, &like_peers, her, shape, duration) {
             Ok(compared) => speed.peers.push(compared),
             Err(error) => speed.peers_failed.push(error.to_string()),
         }
@@ -233,7 +234,13 @@ fn measure(
 
 /// Runs this implementation and another in turn, each with fresh networks in every turn: the longer they have learned, the
 /// more of their activations are zero.
-fn compare(peer: &Peer, config: &DdpgConfig, shape: EpisodeShape, duration: Duration) -> Result<PeerSpeed, BenchError> {
+fn compare(
+    peer: &Peer,
+    config: &DdpgConfig,
+    her: HerConfig,
+    shape: EpisodeShape,
+    duration: Duration,
+) -> Result<PeerSpeed, BenchError> {
     let each = duration.div_f64(PEER_ROUNDS as f64);
     let (batch, seconds) = (config.batch_size, each.as_secs_f64().ceil() as u64);
     let sizes = [("batch", batch), ("obs", shape.obs_dim), ("goal", shape.goal_dim), ("act", shape.act_dim)];
@@ -241,7 +248,7 @@ fn compare(peer: &Peer, config: &DdpgConfig, shape: EpisodeShape, duration: Dura
     options.extend(sizes.map(|(name, size)| (name, size.to_string())));
     let mut turns = Turns::default();
     for _ in 0..PEER_ROUNDS {
-        turns.push(Bench::new(config.clone(), shape, 1)?.rate(each)?, peer.updates_per_s(&options)?);
+        turns.push(Bench::new(config.clone(), her, shape, 1)?.rate(each)?, peer.updates_per_s(&options)?);
     }
     Ok(turns.compare(&peer.name))
 }
@@ -252,7 +259,7 @@ fn timed(work: impl FnOnce() -> Result<(), BenchError>) -> Result<f64, BenchErro
     Ok(start.elapsed().as_secs_f64())
 }
 
-/// Operations of the matrix products of one update with one critic.
+/// Operations of the matrix products of one update.
 fn matrix_flop(config: &DdpgConfig, shape: EpisodeShape) -> f64 {
     let weights = |inputs: usize, outputs: usize| {
         let sizes: Vec<usize> = std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect();

@@ -105,7 +105,7 @@ impl Trainer {
         })?;
         Ok(match chosen {
             Some(finalist) => (finalist.policy.clone(), finalist.episode),
-            None => (self.learner.policy(self.assignment.config.evaluation.actor.into()), self.counters.episodes),
+            None => (self.learner.policy(self.assignment.config.evaluation.actor), self.counters.episodes),
         })
     }
 

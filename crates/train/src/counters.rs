@@ -50,7 +50,7 @@ pub struct UpdateSums {
     pub count: u64,
     /// Losses of the critic.
     pub critic_loss: f64,
-    /// Losses of the actor; 0 for an update that left the actor alone.
+    /// Losses of the actor.
     pub actor_loss: f64,
     /// Mean values of the batches' actions.
     pub q: f64,
@@ -71,7 +71,7 @@ impl UpdateSums {
     pub fn add(&mut self, stats: &UpdateStats) {
         self.count += 1;
         self.critic_loss += f64::from(stats.critic_loss);
-        self.actor_loss += f64::from(stats.actor_loss.unwrap_or(0.0));
+        self.actor_loss += f64::from(stats.actor_loss);
         self.q += f64::from(stats.q_mean);
         self.target += f64::from(stats.target_mean);
         self.clipped += f64::from(stats.clipped_share);

@@ -166,7 +166,7 @@ impl TrainError {
         TrainError::LearnerDiverged {
             update,
             critic_loss: stats.critic_loss,
-            actor_loss: stats.actor_loss.unwrap_or(0.0),
+            actor_loss: stats.actor_loss,
             q_mean: stats.q_mean,
             suggested_actor_lr: actor_lr / SMALLER,
             suggested_critic_lr: critic_lr / SMALLER,

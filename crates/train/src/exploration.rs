@@ -1,7 +1,7 @@
 //! The exploration of a hand: what the learner cannot know about the dimensions of an action.
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{Coordination, ExplorationConfig};
+use eigenhand_rl::{ActionDimension, Coordination, ExplorationConfig};
 use eigenhand_sim::GraspTask;
 
 use crate::config::RunConfig;
@@ -20,30 +20,23 @@ pub(crate) fn exploration_of(
     task: &GraspTask,
 ) -> Result<ExplorationConfig, TrainError> {
     let mut exploration = config.exploration.clone();
-    let slide_hold = config.training.slide_hold;
-    if slide_hold != 1.0 {
-        let is_slide = |name: &String| *name == hand.manifest.slide.name;
-        exploration.hold_scale =
-            task.actuators.iter().map(|name| if is_slide(name) { slide_hold } else { 1.0 }).collect();
-    }
-    exploration.coordination = coordination(hand, task);
-    if !exploration.coordination.is_empty() {
-        exploration.start = task.start_action();
-    }
+    exploration.dimensions = dimensions(hand, task, config.training.slide_hold);
     exploration.validate(task.action_len())?;
     Ok(exploration)
 }
 
-/// What each actuator does in a coordinated random action: the hand closes or opens, the slide goes down or up.
-fn coordination(hand: &Hand, task: &GraspTask) -> Vec<Coordination> {
+/// Returns the part of each actuator in exploration. In a coordinated action the hand closes or opens, and the slide goes
+/// down or up.
+fn dimensions(hand: &Hand, task: &GraspTask, slide_hold: f32) -> Vec<ActionDimension> {
     let closing = &hand.manifest.closing;
-    if closing.is_empty() {
-        return Vec::new();
-    }
-    let of = |name: &String| match closing.get(name) {
-        Some(&sign) => Coordination::Together(sign as f32),
-        None if *name == hand.manifest.slide.name => Coordination::Ends,
-        None => Coordination::Free,
+    let dimension = |(name, start): (&String, f32)| {
+        let slide = *name == hand.manifest.slide.name;
+        let coordination = match closing.get(name) {
+            Some(&sign) => Coordination::Together(sign as f32),
+            None if slide && !closing.is_empty() => Coordination::Ends,
+            None => Coordination::Free,
+        };
+        ActionDimension { hold_scale: if slide { slide_hold } else { 1.0 }, coordination, start }
     };
-    task.actuators.iter().map(of).collect()
+    task.actuators.iter().zip(task.start_action()).map(dimension).collect()
 }

@@ -92,7 +92,7 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
     let scene = job.scene.unwrap_or_else(|| env_rng.random_range(0..task.scenes.len()));
     let (mut exploration, greedy) = match &job.behaviour {
         Behaviour::Greedy => (Exploration::none(), true),
-        Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim, &mut explore_rng), false),
+        Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim), false),
         Behaviour::Attempt(config) => (Exploration::attempt(config, &mut explore_rng), false),
         Behaviour::Explore(config) => {
             if explore_rng.random::<f32>() < config.noise_free_share {

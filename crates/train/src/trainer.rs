@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use eigenhand_rl::{Batch, Ddpg, ExplorationConfig, Replay, rng, sample_batch};
+use eigenhand_rl::{ActorChoice, Batch, Ddpg, ExplorationConfig, Replay, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_synergy::{ActuationMap, Synergy};
 use rayon::ThreadPool;
@@ -180,10 +180,10 @@ impl Trainer {
     fn submit(&mut self, first: u64) -> Result<u64, TrainError> {
         let config = &self.assignment.config;
         let training = &config.training;
-        let policy = self.learner.policy(eigenhand_rl::Which::Online);
+        let policy = self.learner.policy(ActorChoice::Online);
         let mut exploration = self.exploration.clone();
         exploration.scale_noise(training.noise_factor(self.done(first)) as f32);
-        let closes = !exploration.coordination.is_empty();
+        let closes = exploration.is_coordinated();
         let exploration = Arc::new(exploration);
         let held_steps = self.counters.mean_held_steps();
         let last = (first + training.episodes_per_cycle as u64).min(config.episodes);
@@ -250,7 +250,7 @@ impl Trainer {
                 counters.updates_owed -= 1.0;
                 let mut random = rng::stream(config.seed, "replay", counters.updates);
                 sample_batch(replay, &config.her, &mut random, reward, batch)?;
-                let stats = learner.update(batch, &mut random);
+                let stats = learner.update(batch);
                 counters.updates += 1;
                 if !stats.is_finite() {
                     return Err(TrainError::diverged(counters.updates, &stats, rates));
@@ -268,7 +268,7 @@ impl Trainer {
 
     fn evaluate(&mut self, progress: &mut dyn Progress) -> Result<(), TrainError> {
         let Assignment { config, task, .. } = &self.assignment;
-        let policy = self.learner.policy(config.evaluation.actor.into());
+        let policy = self.learner.policy(config.evaluation.actor);
         let (stream, episodes) = (EvaluationStream::Periodic, config.evaluation.episodes);
         let evaluation = evaluate(&mut self.pool, task, &policy, config.seed, stream, episodes)?;
         let success_rate = evaluation.success_rate();

@@ -6,6 +6,7 @@
 
 use std::path::Path;
 
+pub use eigenhand_rl::ActorChoice;
 use eigenhand_rl::{DdpgConfig, ExplorationConfig, HerConfig};
 use eigenhand_sim::{PhysicsConfig, RewardConfig, Setting, TaskConfig};
 use serde::{Deserialize, Serialize};
@@ -150,28 +151,6 @@ pub struct TrainingConfig {
 
 /// Episodes over which held steps are averaged.
 pub const HELD_WINDOW: usize = 100;
-
-/// Which of the learner's actors acts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum ActorChoice {
-    /// The one that is trained.
-    Online,
-    /// The target that follows it.
-    Target,
-    /// Its average over many updates.
-    Average,
-}
-
-impl From<ActorChoice> for eigenhand_rl::Which {
-    fn from(choice: ActorChoice) -> eigenhand_rl::Which {
-        match choice {
-            ActorChoice::Online => eigenhand_rl::Which::Online,
-            ActorChoice::Target => eigenhand_rl::Which::Target,
-            ActorChoice::Average => eigenhand_rl::Which::Average,
-        }
-    }
-}
 
 /// Evaluations without exploration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
