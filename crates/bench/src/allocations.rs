@@ -9,7 +9,7 @@ use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
 use eigenhand_synergy::Synergy;
 use eigenhand_train::config::RunConfig;
 use eigenhand_train::feedback::{Feedback, GraspReward, Penalty};
-use eigenhand_train::{Behaviour, EpisodeJob, actuation_map, episode_shape, joint_infos, run_episode, task_of};
+use eigenhand_train::{Behaviour, EpisodeJob, actuation_map, episode_shape, run_episode, task_of};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -60,11 +60,11 @@ pub fn allocations(setting: &BenchSetting, count: Counter) -> Result<AllocationC
 /// Returns the allocations of an update, and of drawing its minibatch.
 fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter) -> Result<(f64, f64), BenchError> {
     let shape = episode_shape(task);
-    let joints = joint_infos(task)?;
+    let joints = &task.posture_joints;
     let mut random = rng::stream(0, "bench", 0);
     let mut posture = || joints.iter().map(|_| random.random_range(-1.0..1.0)).collect();
     let postures: Vec<Vec<f64>> = (0..POSTURES).map(|_| posture()).collect();
-    let synergy = Synergy::fit(&joints, &postures, config.synergy.components)?;
+    let synergy = Synergy::fit(joints, &postures, config.synergy.components)?;
     // The literal penalty, because the default has none.
     let mut feedback = Feedback::new(1.0, Penalty::Literal, 1.0, 0);
     feedback.follow(Some(synergy));

@@ -1,70 +1,38 @@
 //! The map from a posture to the actuator commands that hold it.
 
+use eigenhand_posture::ActuationMap;
+
 use crate::hand::Hand;
 use crate::parts::{HandActuator, Transmission};
 
-/// The affine map `ctrl = matrix * posture + offset`, one row for each actuator, the slide's first.
-///
-/// # Source
-/// At rest a position servo's force vanishes: `gain * ctrl = stiffness * length - bias`, and MuJoCo's actuator length
-/// is gear times joint position, or gear times the sum of coefficient and joint position for a fixed tendon.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Actuation {
-    /// Actuators in order, the slide's first and then the model's in document order.
-    pub actuators: Vec<String>,
-    /// Joints of the posture in order: the columns of `matrix`.
-    pub joints: Vec<String>,
-    /// Rows of `joints.len()` numbers, one for each actuator; zeros for a motor or another actuator that holds no
-    /// position.
-    pub matrix: Vec<Vec<f64>>,
-    /// Command at the zero posture, one for each actuator.
-    pub offset: Vec<f64>,
-    /// Lowest and highest command of each actuator.
-    pub ctrlrange: Vec<(f64, f64)>,
-}
-
-impl Actuation {
-    /// Maps a posture to commands inside their ranges: `(posture) => (ctrl)`.
-    ///
-    /// # Shapes
-    /// `posture`: as many values as `joints`; the result: as many as `actuators`.
-    ///
-    /// # Panics
-    /// If `posture` has another length than `joints`.
-    pub fn commands(&self, posture: &[f64]) -> Vec<f64> {
-        assert_eq!(posture.len(), self.joints.len(), "a posture has one value for each of its joints");
-        let row = |i: usize| {
-            let (low, high) = self.ctrlrange[i];
-            let sum: f64 = self.matrix[i].iter().zip(posture).map(|(a, q)| a * q).sum();
-            (sum + self.offset[i]).clamp(low, high)
-        };
-        (0..self.actuators.len()).map(row).collect()
-    }
-}
-
 impl Hand {
-    /// Computes the map from a posture to actuator commands.
+    /// Computes the map from a posture to actuator commands: a row for each actuator, the slide's first and then the
+    /// model's in document order.
     ///
     /// A driven joint outside the posture follows its coupling if the coupling is linear and its driver is in the
     /// posture; otherwise it stays in the open posture.
-    pub fn actuation(&self) -> Actuation {
+    ///
+    /// # Source
+    /// At rest a position servo's force vanishes: `gain * ctrl = stiffness * length - bias`, and MuJoCo's actuator length
+    /// is gear times joint position, or gear times the sum of coefficient and joint position for a fixed tendon.
+    pub fn actuation(&self) -> ActuationMap {
         let joints: Vec<String> = self.posture.iter().map(|j| j.name.clone()).collect();
         let slide = &self.manifest.slide;
         let slide_column = joints.iter().position(|name| *name == slide.name);
-        let mut map = Actuation {
+        let mut map = ActuationMap {
             actuators: vec![slide.name.clone()],
             matrix: vec![(0..joints.len()).map(|i| f64::from(u8::from(Some(i) == slide_column))).collect()],
             offset: vec![if slide_column.is_some() { 0.0 } else { slide.start }],
-            ctrlrange: vec![(slide.range[0], slide.range[1])],
-            joints,
+            control_min: vec![slide.range[0]],
+            control_max: vec![slide.range[1]],
         };
         for actuator in &self.actuators {
-            let (coefficients, offset) =
-                self.row(actuator, &map.joints).unwrap_or_else(|| (vec![0.0; map.joints.len()], 0.0));
+            let (coefficients, offset) = self.row(actuator, &joints).unwrap_or_else(|| (vec![0.0; joints.len()], 0.0));
             map.actuators.push(actuator.name.clone());
             map.matrix.push(coefficients);
             map.offset.push(offset);
-            map.ctrlrange.push(actuator.ctrlrange);
+            map.control_min.push(actuator.ctrlrange.0);
+            map.control_max.push(actuator.ctrlrange.1);
         }
         map
     }

@@ -64,7 +64,7 @@ fn actuators(model: &mut Element, manifest: &HandManifest, file: &Path) -> Resul
     let joints = Joints::read(model, file)?;
     for (i, actuator) in manifest.actuators.iter().enumerate() {
         known(&joints, &actuator.joint, format!("actuators[{i}].joint"), file)?;
-        let range = joints.0.iter().find(|joint| joint.name == actuator.joint).and_then(|joint| joint.range);
+        let range = joints.0.iter().find(|joint| joint.name == actuator.joint).and_then(|joint| joint.range());
         let Some([low, high]) = actuator.control_range.or(range.map(|(low, high)| [low, high])) else {
             let key = format!("actuators[{i}].control_range");
             return Err(HandError::invalid(file, &key, "two numbers, as the joint has no range", "none"));

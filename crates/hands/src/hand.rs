@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
+use eigenhand_posture::JointInfo;
 use xmltree::Element;
 
 use crate::manifest::HandManifest;
@@ -36,7 +37,7 @@ pub struct Hand {
     /// The model's joints in MuJoCo's order, without the slide.
     pub joints: Vec<HandJoint>,
     /// Joints of the posture in order, including the slide if it is part of the posture.
-    pub posture: Vec<HandJoint>,
+    pub posture: Vec<JointInfo>,
     /// The model's actuators in document order, without the slide's.
     pub actuators: Vec<HandActuator>,
     /// Joints that follow another joint.

@@ -26,8 +26,8 @@ mod sources;
 mod summary;
 pub mod xml;
 
-pub use actuation::Actuation;
 pub use compiled::{SIDECAR_FILE, SIDECAR_KEYS};
+pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 pub use error::HandError;
 pub use hand::Hand;
 pub use import::{ImportOptions, Imported, import};
@@ -36,10 +36,10 @@ pub use manifest::{
     is_hand_name,
 };
 pub use mjcf::{AngleUnit, Compiler};
-pub use parts::{Fingertip, FrameKind, HandActuator, HandCoupling, HandJoint, JointKind, Servo, Transmission};
+pub use parts::{Fingertip, FrameKind, HandActuator, HandCoupling, HandJoint, Servo, Transmission};
 pub use registry::{PLUGINS_VARIABLE, Registry, RegistryEntry, SearchPath};
 pub use schema::{KeyInfo, keys};
-pub use summary::{HandSummary, SummaryValue, ValueOrigin};
+pub use summary::{HandSummary, SummaryJoint, SummaryValue, ValueOrigin};
 
 /// The MJCF tree of [`Hand::model`].
 pub use xmltree;

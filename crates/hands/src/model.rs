@@ -3,11 +3,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use eigenhand_posture::{JointInfo, Unit};
 use xmltree::Element;
 
 use crate::error::HandError;
 use crate::mjcf::{Attributes, Compiler, Defaults, section};
-use crate::parts::{HandActuator, HandCoupling, HandJoint, JointKind, Transmission};
+use crate::parts::{HandActuator, HandCoupling, HandJoint, Transmission};
 use crate::servo;
 use crate::xml::elements;
 
@@ -121,9 +122,9 @@ impl Reader<'_> {
 
     fn joint(&mut self, element: &Element, body: &str, childclass: Option<&str>) -> Result<(), HandError> {
         let attributes = self.defaults.resolve(element, childclass, self.file)?;
-        let kind = match attributes.text("type").unwrap_or("hinge") {
-            "hinge" => JointKind::Hinge,
-            "slide" => JointKind::Slide,
+        let unit = match attributes.text("type").unwrap_or("hinge") {
+            "hinge" => Unit::Radian,
+            "slide" => Unit::Metre,
             other => {
                 return Err(attributes.error("type", "`hinge` or `slide`", format!("`{other}`")));
             }
@@ -136,20 +137,18 @@ impl Reader<'_> {
                 "none",
             ));
         };
-        if self.contents.joints.iter().any(|joint| joint.name == *name) {
+        if self.contents.joints.iter().any(|joint| joint.info.name == *name) {
             return Err(HandError::model(self.file, attributes.place(), "distinct names", "this name twice"));
         }
         let compiler = &self.contents.compiler;
         let convert = |value: f64| {
-            if kind == JointKind::Hinge { compiler.radians(value) } else { value }
+            if unit == Unit::Radian { compiler.radians(value) } else { value }
         };
         let range = attributes.limits("range", "limited")?.map(|(low, high)| (convert(low), convert(high)));
+        let (lower, upper) = range.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
         let reference = convert(attributes.number("ref")?.unwrap_or(0.0));
         self.contents.joints.push(HandJoint {
-            name: name.clone(),
-            kind,
-            range,
-            unit: kind.unit(),
+            info: JointInfo { name: name.clone(), unit, lower, upper },
             reference,
             body: body.to_owned(),
         });
@@ -179,7 +178,7 @@ impl Reader<'_> {
     fn known_joint(&self, name: Option<&String>, key: impl Fn() -> String) -> Result<String, HandError> {
         let joints = &self.contents.joints;
         match name {
-            Some(name) if joints.iter().any(|joint| joint.name == *name) => Ok(name.clone()),
+            Some(name) if joints.iter().any(|joint| joint.info.name == *name) => Ok(name.clone()),
             Some(name) => {
                 let known = joints.iter().map(|j| j.name.as_str());
                 Err(HandError::unresolved(self.file, key(), "a joint of the model", name, known))

@@ -1,48 +1,27 @@
 //! The parts of a hand: joints, actuators, couplings and fingertips, as plain data.
 
+use std::ops::Deref;
+
+use eigenhand_posture::JointInfo;
 use serde::Serialize;
 
-/// Kind of a joint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
-pub enum JointKind {
-    /// Turns about an axis.
-    Hinge,
-    /// Moves along an axis.
-    Slide,
-}
-
-impl JointKind {
-    /// Returns the unit of the joint's position.
-    pub fn unit(self) -> &'static str {
-        match self {
-            Self::Hinge => "rad",
-            Self::Slide => "m",
-        }
-    }
-}
-
-/// A joint with one degree of freedom.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+/// A joint of the model, with one degree of freedom.
+#[derive(Debug, Clone, PartialEq)]
 pub struct HandJoint {
-    /// Name in the model.
-    pub name: String,
-    /// Kind of motion.
-    pub kind: JointKind,
-    /// Lowest and highest position (rad or m); none if the joint is not limited.
-    pub range: Option<(f64, f64)>,
-    /// Unit of the position, `rad` or `m`.
-    pub unit: &'static str,
+    /// Name, unit and limits. A hinge is in rad, a slide in m.
+    pub info: JointInfo,
     /// Position in the model's initial configuration (rad or m).
     pub reference: f64,
     /// Body that the joint moves; empty for the slide.
     pub body: String,
 }
 
-impl HandJoint {
-    /// Returns `value` moved to the nearest position that the joint can take.
-    pub fn clamp(&self, value: f64) -> f64 {
-        self.range.map_or(value, |(low, high)| value.clamp(low, high))
+/// A joint of the model is a joint of postures with more to it.
+impl Deref for HandJoint {
+    type Target = JointInfo;
+
+    fn deref(&self) -> &JointInfo {
+        &self.info
     }
 }
 

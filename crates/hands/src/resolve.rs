@@ -3,10 +3,12 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use eigenhand_posture::{JointInfo, Unit};
+
 use crate::error::HandError;
 use crate::manifest::HandManifest;
 use crate::model::Contents;
-use crate::parts::{Fingertip, FrameKind, HandJoint, JointKind};
+use crate::parts::{Fingertip, FrameKind};
 
 /// Resolves the palm and the fingertips.
 pub(crate) fn frames(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<Fingertip>, HandError> {
@@ -36,9 +38,9 @@ pub(crate) fn frames(manifest: &HandManifest, contents: &Contents, file: &Path) 
 }
 
 /// Resolves the joints of the posture, including the slide.
-pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<HandJoint>, HandError> {
+pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path) -> Result<Vec<JointInfo>, HandError> {
     let slide = &manifest.slide;
-    let taken = contents.joints.iter().map(|j| &j.name).chain(contents.actuators.iter().map(|a| &a.name));
+    let taken = contents.joints.iter().map(|j| &j.info.name).chain(contents.actuators.iter().map(|a| &a.name));
     if taken.collect::<BTreeSet<_>>().contains(&slide.name) {
         return Err(HandError::invalid(
             file,
@@ -47,15 +49,10 @@ pub(crate) fn posture(manifest: &HandManifest, contents: &Contents, file: &Path)
             format!("\"{}\"", slide.name),
         ));
     }
-    let slide_joint = HandJoint {
-        name: slide.name.clone(),
-        kind: JointKind::Slide,
-        range: Some((slide.range[0], slide.range[1])),
-        unit: JointKind::Slide.unit(),
-        reference: 0.0,
-        body: String::new(),
-    };
-    let all: Vec<HandJoint> = std::iter::once(slide_joint).chain(contents.joints.iter().cloned()).collect();
+    let [lower, upper] = slide.range;
+    let slide_joint = JointInfo { name: slide.name.clone(), unit: Unit::Metre, lower, upper };
+    let joints = contents.joints.iter().map(|joint| joint.info.clone());
+    let all: Vec<JointInfo> = std::iter::once(slide_joint).chain(joints).collect();
     let Some(names) = &manifest.posture_joints else { return Ok(all) };
     let find = |(i, name): (usize, &String)| {
         all.iter().find(|joint| joint.name == *name).cloned().ok_or_else(|| {
@@ -105,7 +102,7 @@ pub(crate) fn check_open_posture(manifest: &HandManifest, contents: &Contents, f
             let known = contents.joints.iter().map(|j| j.name.as_str());
             return Err(HandError::unresolved(file, key, "a joint of the model", name, known));
         };
-        if let Some((low, high)) = joint.range.filter(|(low, high)| !(*low..=*high).contains(&value)) {
+        if let Some((low, high)) = joint.range().filter(|(low, high)| !(*low..=*high).contains(&value)) {
             return Err(HandError::invalid(
                 file,
                 &key,

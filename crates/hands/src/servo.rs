@@ -38,7 +38,7 @@ pub(crate) fn reach(
     let (Transmission::Joint(joint), Some(servo)) = (transmission, servo) else {
         return None;
     };
-    let (low, high) = joints.iter().find(|j| j.name == *joint)?.range?;
+    let (low, high) = joints.iter().find(|j| j.name == *joint)?.range()?;
     let command = |position: f64| (servo.stiffness * gear * position - servo.bias) / servo.gain;
     let (a, b) = (command(low), command(high));
     (a.is_finite() && b.is_finite() && a != b).then(|| (a.min(b), a.max(b)))

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
+use eigenhand_posture::{JointInfo, Unit};
 use serde::Serialize;
 use toml::Value;
 
 use crate::hand::Hand;
-use crate::parts::{FrameKind, HandActuator, HandCoupling, HandJoint};
+use crate::parts::{FrameKind, HandActuator, HandCoupling};
 use crate::schema;
 
 /// A hand in brief.
@@ -33,13 +34,47 @@ pub struct HandSummary {
     /// Every value of the manifest, and its origin.
     pub values: Vec<SummaryValue>,
     /// Joints of the posture in order.
-    pub posture: Vec<HandJoint>,
+    pub posture: Vec<SummaryJoint>,
     /// Actuators of the model in order, without the slide's.
     pub actuators: Vec<HandActuator>,
     /// Joints that follow another joint.
     pub couplings: Vec<HandCoupling>,
     /// Changes and assumptions made while reading the model.
     pub notes: Vec<String>,
+}
+
+/// A joint of the posture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SummaryJoint {
+    /// Name in the model.
+    pub name: String,
+    /// `hinge` or `slide`.
+    pub kind: &'static str,
+    /// Lowest and highest position (rad or m); none if the joint is not limited.
+    pub range: Option<(f64, f64)>,
+    /// Unit of the position, `rad` or `m`.
+    pub unit: &'static str,
+    /// Position in the model's initial configuration (rad or m).
+    pub reference: f64,
+    /// Body that the joint moves; empty for the slide.
+    pub body: String,
+}
+
+impl SummaryJoint {
+    fn of(info: &JointInfo, hand: &Hand) -> Self {
+        let joint = hand.joint(&info.name);
+        Self {
+            name: info.name.clone(),
+            kind: match info.unit {
+                Unit::Radian => "hinge",
+                Unit::Metre => "slide",
+            },
+            range: info.range(),
+            unit: info.unit.symbol(),
+            reference: joint.map_or(0.0, |joint| joint.reference),
+            body: joint.map_or_else(String::new, |joint| joint.body.clone()),
+        }
+    }
 }
 
 /// Origin of a value.
@@ -80,7 +115,7 @@ impl HandSummary {
             licence: manifest.licence.clone(),
             directory: hand.directory.clone(),
             values: values(hand),
-            posture: hand.posture.clone(),
+            posture: hand.posture.iter().map(|joint| SummaryJoint::of(joint, hand)).collect(),
             actuators: hand.actuators.clone(),
             couplings: hand.couplings.clone(),
             notes: hand.notes.clone(),

@@ -170,7 +170,7 @@ fn read(file: &Path) -> bool {
     let directory = file.parent().unwrap();
     if directory.join("hand.toml").is_file() {
         return Hand::load(directory).is_ok_and(|hand| {
-            let commands = hand.actuation().commands(&hand.open_posture_vector());
+            let commands = hand.actuation().control(&hand.open_posture_vector());
             commands.iter().all(|c| c.is_finite()) && serde_json::to_string(&HandSummary::of(&hand)).is_ok()
         });
     }

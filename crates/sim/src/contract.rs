@@ -137,17 +137,18 @@ fn names_resolve(hand: &Hand, task: &GraspTask) -> Finding {
     let manifest = &hand.manifest;
     let missing = |what: &str, name: &str| format!("the compiled scene has no {what} {name:?}, which the hand names");
     model.body(&manifest.palm).map_err(|_| missing("body", &manifest.palm))?;
-    for joint in hand.joints.iter().chain(&hand.posture) {
+    for joint in hand.joints.iter().map(|joint| &joint.info).chain(&hand.posture) {
         let id = model.joint(&joint.name).map_err(|_| missing("joint", &joint.name))?;
         let compiled = model.joint_range(id);
-        let same = match (compiled, joint.range) {
+        let same = match (compiled, joint.range()) {
             (Some(a), Some(b)) => (a.0 - b.0).abs() < 1e-6 && (a.1 - b.1).abs() < 1e-6,
             (a, b) => a.is_none() && b.is_none(),
         };
         if !same {
             return Err(format!(
                 "joint {:?}: the hand's range is {:?}, but the compiled model's is {compiled:?}",
-                joint.name, joint.range
+                joint.name,
+                joint.range()
             ));
         }
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use eigenhand_hands::{Hand, HandJoint};
+use eigenhand_hands::{Hand, JointInfo, Unit};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -166,7 +166,7 @@ pub struct GraspTask {
     /// The objects, in the order they were asked for.
     pub scenes: Vec<ObjectScene>,
     /// The posture's joints, in order.
-    pub posture_joints: Vec<HandJoint>,
+    pub posture_joints: Vec<JointInfo>,
     /// Names of the actuators, in the order of the action.
     pub actuators: Vec<String>,
     /// Control range of every actuator, in the order of the action.
@@ -285,9 +285,9 @@ impl GraspTask {
             self.posture_joints.iter().map(move |joint| ObservationEntry {
                 name: format!("{prefix}:{}", joint.name),
                 unit: match (joint.unit, per_second) {
-                    ("m", true) => "m/s",
-                    (_, true) => "rad/s",
-                    (symbol, false) => symbol,
+                    (Unit::Metre, true) => "m/s",
+                    (Unit::Radian, true) => "rad/s",
+                    (unit, false) => unit.symbol(),
                 },
             })
         };
@@ -353,7 +353,7 @@ fn start_controls(hand: &Hand, n_actuators: usize) -> Result<Vec<f64>, SimError>
             ),
         });
     }
-    Ok(actuation.commands(&hand.open_posture_vector()))
+    Ok(actuation.control(&hand.open_posture_vector()))
 }
 
 impl Addresses {

@@ -11,7 +11,8 @@ use std::time::Duration;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Row, TransactionBehavior, params_from_iter};
 
 use crate::SynergyError;
-use crate::joint::{JointInfo, Unit, check_joints, check_posture, check_same_joints};
+use crate::joint::{check_joints, check_posture, check_same_joints};
+use crate::{JointInfo, Unit};
 
 mod columns;
 mod record;

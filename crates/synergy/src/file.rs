@@ -6,6 +6,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::actuation::check_actuation;
 use crate::pca::{SynergyParts, check_numbers};
 use crate::{ActuationMap, JointInfo, Synergy, SynergyError};
 
@@ -49,7 +50,7 @@ impl SynergyFile {
         put(&mut text, "total_variance", &synergy.total_variance())?;
         put(&mut text, "eigenvalues", &synergy.eigenvalues())?;
         if let Some(actuation) = &self.actuation {
-            actuation.validate(synergy.n_joints())?;
+            check_actuation(actuation, synergy.n_joints())?;
             text.push_str("\n[actuation]\n");
             put(&mut text, "actuators", &actuation.actuators)?;
             put(&mut text, "control_min", &actuation.control_min)?;
@@ -86,7 +87,7 @@ impl SynergyFile {
         check_derived("contribution", &record.contribution, synergy.contribution())?;
         check_derived("total_variance", &[record.total_variance], &[synergy.total_variance()])?;
         if let Some(actuation) = &record.actuation {
-            actuation.validate(synergy.n_joints())?;
+            check_actuation(actuation, synergy.n_joints())?;
         }
         Ok(SynergyFile { hand: record.hand, synergy, actuation: record.actuation, provenance: record.provenance })
     }

@@ -1,56 +1,10 @@
-//! What a posture's numbers are: the joints, in order, with units and limits.
+//! Checks of postures and of their joints.
 
 use std::collections::HashSet;
-use std::fmt;
 
-use serde::{Deserialize, Serialize};
+use eigenhand_posture::JointInfo;
 
 use crate::SynergyError;
-
-/// The unit of a joint's coordinate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub enum Unit {
-    /// A rotation, in radians.
-    #[serde(rename = "rad")]
-    Radian,
-    /// A translation, in metres.
-    #[serde(rename = "m")]
-    Metre,
-}
-
-impl Unit {
-    /// Returns the symbol that the files use: `rad` or `m`.
-    pub fn symbol(self) -> &'static str {
-        match self {
-            Unit::Radian => "rad",
-            Unit::Metre => "m",
-        }
-    }
-
-    /// Returns the unit whose symbol is `symbol`, if there is one.
-    pub fn from_symbol(symbol: &str) -> Option<Self> {
-        [Unit::Radian, Unit::Metre].into_iter().find(|unit| unit.symbol() == symbol)
-    }
-}
-
-impl fmt::Display for Unit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.symbol())
-    }
-}
-
-/// One joint of a posture.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct JointInfo {
-    /// The joint's name; any text that is not empty.
-    pub name: String,
-    /// The unit of `lower`, `upper` and of the joint's column in every posture.
-    pub unit: Unit,
-    /// The lower limit; `-inf` for a joint without one.
-    pub lower: f64,
-    /// The upper limit; `inf` for a joint without one.
-    pub upper: f64,
-}
 
 /// Checks that `joints` can name the columns of a posture.
 ///
@@ -106,6 +60,8 @@ fn describe(joints: &[JointInfo]) -> String {
 
 #[cfg(test)]
 mod tests {
+    use eigenhand_posture::Unit;
+
     use super::*;
 
     fn joint(name: &str, lower: f64, upper: f64) -> JointInfo {
@@ -125,14 +81,5 @@ mod tests {
             assert!(message.contains(part), "{message}");
         }
         check_joints(&[joint("a", f64::NEG_INFINITY, f64::INFINITY), joint("A", 0.0, 0.0)]).unwrap();
-    }
-
-    #[test]
-    fn unit_symbols_are_those_of_serde() {
-        for unit in [Unit::Radian, Unit::Metre] {
-            assert_eq!(Unit::from_symbol(unit.symbol()), Some(unit));
-            assert_eq!(toml::Value::try_from(unit).unwrap().as_str(), Some(unit.symbol()));
-        }
-        assert_eq!(Unit::from_symbol("deg"), None);
     }
 }

@@ -39,13 +39,12 @@ mod npy;
 mod pca;
 mod projector;
 
-pub use actuation::ActuationMap;
 pub use command::CommandSpace;
 pub use compare::{cumulative_explained_variance, principal_angles};
 #[cfg(feature = "database")]
 pub use database::{PostureDatabase, PostureRecord};
+pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 pub use error::SynergyError;
 pub use export::{Import, export, import};
 pub use file::{SCHEMA, SynergyFile};
-pub use joint::{JointInfo, Unit};
 pub use pca::{Synergy, newest};

@@ -2,8 +2,9 @@
 
 use faer::Mat;
 
+use crate::JointInfo;
 use crate::SynergyError;
-use crate::joint::{JointInfo, check_joints, check_posture};
+use crate::joint::{check_joints, check_posture};
 use crate::projector::Projector;
 
 mod eigen;

@@ -45,14 +45,6 @@ pub enum TrainError {
         #[source]
         source: std::io::Error,
     },
-    /// A joint whose unit the synergy does not know.
-    #[error("joint {joint} is in {unit:?}, but a posture is in rad or m: correct the joint's type in the hand's model")]
-    JointUnit {
-        /// The joint.
-        joint: String,
-        /// Its unit.
-        unit: String,
-    },
     /// The learner's numbers are no longer finite.
     #[error(
         "the learner diverged at update {update}: critic loss {critic_loss}, actor loss {actor_loss}, mean value {q_mean}\n\

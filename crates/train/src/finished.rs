@@ -19,7 +19,7 @@ use crate::products::{POLICY, POLICY_TEXT, Products, write_products};
 use crate::provenance::Provenance;
 use crate::rollout::WorkerPool;
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
-use crate::task::{joint_infos, task_of};
+use crate::task::task_of;
 
 /// Keys of the configuration that say where a policy acts and what counts as success, not how it learned.
 const SCENE_KEYS: [&str; 8] = [
@@ -112,7 +112,7 @@ impl FinishedRun {
         }
         let postures = PostureDatabase::open_existing(self.directory.join(DATABASE))?.postures()?;
         let config = &self.config.synergy;
-        let synergy = Synergy::fit_newest(&joint_infos(&self.task)?, &postures, config.components, config.window)?;
+        let synergy = Synergy::fit_newest(&self.task.posture_joints, &postures, config.components, config.window)?;
         let products = Products {
             hand: &self.hand,
             task: &self.task,

@@ -50,6 +50,6 @@ pub use rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape, run
 pub use run_dir::{DATABASE, RunDirectory, is_run, read_config, read_provenance, read_settings};
 pub use status::{STATUS, read_status};
 pub use summary::{StoppedBy, Summary};
-pub use task::{actuation_map, joint_infos, task_of};
+pub use task::{actuation_map, task_of};
 pub use threads::learning_threads;
 pub use trainer::Trainer;

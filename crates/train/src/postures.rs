@@ -7,7 +7,6 @@ use crate::config::{RunConfig, SynergyConfig};
 use crate::error::TrainError;
 use crate::rollout::Episode;
 use crate::run_dir::{DATABASE, RunDirectory};
-use crate::task::joint_infos;
 
 /// The postures of the successes so far.
 pub(crate) struct Postures {
@@ -23,9 +22,9 @@ impl Postures {
     /// Opens the database of a run; it counts as empty until it is [restored](Self::restore).
     ///
     /// # Errors
-    /// [`TrainError::Synergy`] for the database, [`TrainError::JointUnit`].
+    /// [`TrainError::Synergy`] for the database.
     pub fn open(run: &RunDirectory, config: &RunConfig, task: &GraspTask) -> Result<Postures, TrainError> {
-        let joints = joint_infos(task)?;
+        let joints = task.posture_joints.clone();
         let database = PostureDatabase::open(run.file(DATABASE), &joints)?;
         let RunConfig { synergy, lambda, seed, .. } = config.clone();
         Ok(Postures { database, joints, all: Vec::new(), config: synergy, lambda, seed })

@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
+use eigenhand_posture::Unit;
 use xmltree::Element;
 
 use super::imported::Imported;
 use crate::error::HandError;
 use crate::mjcf::{Defaults, each_in_world, section};
 use crate::model::Joints;
-use crate::parts::{JointKind, Transmission};
+use crate::parts::Transmission;
 use crate::servo;
 use crate::xml::{append, element, elements_mut, numbers, set};
 
@@ -68,16 +69,16 @@ fn add(imported: &mut Imported, file: &Path, notes: &mut Vec<String>) -> Result<
     let (mut stated, mut assumed) = (0, 0);
     for joint in joints.0.iter().filter(|joint| !dependent.contains(&joint.name)) {
         let effort = imported.efforts.get(&joint.name);
-        let (force, error, half) = match joint.kind {
-            JointKind::Hinge => (limit(effort, TORQUES, TORQUE), HINGE_ERROR, TURN),
-            JointKind::Slide => (limit(effort, FORCES, FORCE), SLIDE_ERROR, TRAVEL),
+        let (force, error, half) = match joint.unit {
+            Unit::Radian => (limit(effort, TORQUES, TORQUE), HINGE_ERROR, TURN),
+            Unit::Metre => (limit(effort, FORCES, FORCE), SLIDE_ERROR, TRAVEL),
         };
         if effort == Some(&force) {
             stated += 1
         } else {
             assumed += 1
         }
-        let (low, high) = joint.range.unwrap_or((-half, half));
+        let (low, high) = joint.range().unwrap_or((-half, half));
         // With much damping, a soft servo would not reach its command within an episode.
         let kp = (force / error).max(damping.get(&joint.name).copied().unwrap_or(0.0) / TIME_CONSTANT);
         let attributes = [
@@ -177,7 +178,7 @@ fn control_ranges(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> R
                 target.and_then(|name| servo::reach(&joints, &Transmission::Joint(name.to_owned()), gear, servo));
             let (low, high) = match (computed, resolved.limits("forcerange", "forcelimited")?, servo, joint) {
                 (Some(range), ..) => range,
-                (None, _, Some(_), Some(joint)) if joint.kind == JointKind::Hinge => (-TURN, TURN),
+                (None, _, Some(_), Some(joint)) if joint.unit == Unit::Radian => (-TURN, TURN),
                 (None, _, Some(_), Some(_)) => (-TRAVEL, TRAVEL),
                 (None, Some((low, high)), None, _) if gear != 0.0 => (low / gear.abs(), high / gear.abs()),
                 _ => (-1.0, 1.0),

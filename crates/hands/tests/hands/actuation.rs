@@ -4,18 +4,20 @@ use crate::fixture::Fixture;
 
 #[test]
 fn gears_tendons_and_the_slide() {
-    let map = Fixture::new().load().unwrap().actuation();
+    let hand = Fixture::new().load().unwrap();
+    let map = hand.actuation();
     assert_eq!(map.actuators, ["slide", "left_drive", "right_drive"]);
-    assert_eq!(map.joints, ["slide", "left_near_joint", "left_far_joint", "right_near_joint", "right_far_joint"]);
+    let joints: Vec<&str> = hand.posture.iter().map(|joint| joint.name.as_str()).collect();
+    assert_eq!(joints, ["slide", "left_near_joint", "left_far_joint", "right_near_joint", "right_far_joint"]);
     assert_eq!(
         map.matrix,
         [vec![1.0, 0.0, 0.0, 0.0, 0.0], vec![0.0, 2.0, 0.0, 0.0, 0.0], vec![0.0, 0.0, 0.0, 3.0, -0.5]]
     );
     assert_eq!(map.offset, [0.0; 3]);
-    assert_eq!(map.ctrlrange, [(-0.12, 0.14), (-1.0, 1.0), (-1.0, 1.0)]);
+    assert_eq!((map.control_min.clone(), map.control_max.clone()), (vec![-0.12, -1.0, -1.0], vec![0.14, 1.0, 1.0]));
     assert!(map.matrix.iter().all(|row| row.iter().any(|x| *x != 0.0)), "every servo has a row");
-    assert_eq!(map.commands(&[0.1, 0.25, 9.0, 0.2, 0.4]), [0.1, 0.5, 0.2 * 3.0 - 0.5 * 0.4]);
-    assert_eq!(map.commands(&[5.0, -9.0, 0.0, 0.0, 0.0]), [0.14, -1.0, 0.0]);
+    assert_eq!(map.control(&[0.1, 0.25, 9.0, 0.2, 0.4]), [0.1, 0.5, 0.2 * 3.0 - 0.5 * 0.4]);
+    assert_eq!(map.control(&[5.0, -9.0, 0.0, 0.0, 0.0]), [0.14, -1.0, 0.0]);
 }
 
 #[test]

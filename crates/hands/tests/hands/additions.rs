@@ -21,7 +21,7 @@ fn a_servo_takes_the_place_of_the_one_on_its_joint() {
     assert_eq!(names, ["right_drive", "left_near_joint", "extra"]);
     let (left, extra) = (&hand.actuators[1], &hand.actuators[2]);
     assert_eq!((left.servo.unwrap().stiffness, left.forcerange), (3.0, Some((-2.0, 2.0))));
-    assert_eq!(Some(left.ctrlrange), hand.joint("left_near_joint").unwrap().range);
+    assert_eq!(Some(left.ctrlrange), hand.joint("left_near_joint").unwrap().range());
     assert_eq!((extra.ctrlrange, extra.forcerange), ((0.01, 0.02), Some((-9.0, 9.0))));
 }
 

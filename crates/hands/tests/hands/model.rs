@@ -1,13 +1,13 @@
 //! What is read from a model: order, units, default classes, couplings, digest.
 
-use eigenhand_hands::{FrameKind, Hand, HandSummary, JointKind, ValueOrigin};
+use eigenhand_hands::{FrameKind, Hand, HandSummary, Unit, ValueOrigin};
 
 use crate::fixture::Fixture;
 
 const RAD_PER_DEG: f64 = std::f64::consts::PI / 180.0;
 
 fn range_of(hand: &Hand, joint: &str) -> (f64, f64) {
-    hand.joint(joint).unwrap().range.unwrap()
+    hand.joint(joint).unwrap().range().unwrap()
 }
 
 #[test]
@@ -19,7 +19,7 @@ fn joints_come_in_mujoco_order_with_ranges_of_their_classes() {
     assert_eq!(range_of(&hand, "left_far_joint"), (0.0, 60.0 * RAD_PER_DEG));
     assert_eq!(range_of(&hand, "right_far_joint"), (10.0 * RAD_PER_DEG, 20.0 * RAD_PER_DEG));
     let slide = hand.joint("right_near_joint").unwrap();
-    assert_eq!((slide.kind, slide.range, slide.unit), (JointKind::Slide, Some((0.0, 0.05)), "m"));
+    assert_eq!((slide.unit, slide.range()), (Unit::Metre, Some((0.0, 0.05))));
 }
 
 #[test]
@@ -34,7 +34,7 @@ fn radians_are_taken_as_written() {
 fn an_unlimited_joint_has_no_range() {
     let files = Fixture::new();
     files.edit("pincer.xml", "class=\"far\" axis", "class=\"far\" limited=\"false\" axis");
-    assert_eq!(files.load().unwrap().joint("right_far_joint").unwrap().range, None);
+    assert_eq!(files.load().unwrap().joint("right_far_joint").unwrap().range(), None);
 }
 
 #[test]

@@ -59,7 +59,7 @@ proptest! {
         match files.load() {
             Ok(hand) => {
                 let map = hand.actuation();
-                prop_assert!(map.commands(&hand.open_posture_vector()).iter().all(|c| c.is_finite()));
+                prop_assert!(map.control(&hand.open_posture_vector()).iter().all(|c| c.is_finite()));
                 prop_assert!(serde_json::to_string(&eigenhand_hands::HandSummary::of(&hand)).is_ok());
             }
             Err(error) => prop_assert!(error.to_string().contains(files.directory.to_str().unwrap())),

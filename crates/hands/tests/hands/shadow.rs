@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use eigenhand_hands::{AngleUnit, FrameKind, Hand, JointKind, Registry, SearchPath};
+use eigenhand_hands::{AngleUnit, FrameKind, Hand, Registry, SearchPath, Unit};
 
 fn directory() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../plugins/shadow")
@@ -27,11 +27,11 @@ fn joints_and_actuators_are_those_of_the_facts() {
         "WRJ1 WRJ0 FFJ3 FFJ2 FFJ1 FFJ0 MFJ3 MFJ2 MFJ1 MFJ0 RFJ3 RFJ2 RFJ1 RFJ0 LFJ4 LFJ3 LFJ2 LFJ1 LFJ0 THJ4 THJ3 THJ2 THJ1 THJ0"
     );
     assert_eq!(hand.compiler.angle, AngleUnit::Radian);
-    assert!(hand.joints.iter().all(|j| j.kind == JointKind::Hinge && j.range.is_some()));
-    assert_eq!(hand.joint("WRJ1").unwrap().range, Some((-0.489, 0.140)));
-    assert_eq!(hand.joint("RFJ3").unwrap().range, Some((-0.349, 0.349)));
-    assert_eq!(hand.joint("LFJ0").unwrap().range, Some((0.0, 1.571)));
-    assert_eq!(hand.joint("THJ0").unwrap().range, Some((-1.571, 0.0)));
+    assert!(hand.joints.iter().all(|j| j.unit == Unit::Radian && j.range().is_some()));
+    assert_eq!(hand.joint("WRJ1").unwrap().range(), Some((-0.489, 0.140)));
+    assert_eq!(hand.joint("RFJ3").unwrap().range(), Some((-0.349, 0.349)));
+    assert_eq!(hand.joint("LFJ0").unwrap().range(), Some((0.0, 1.571)));
+    assert_eq!(hand.joint("THJ0").unwrap().range(), Some((-1.571, 0.0)));
     let actuators: Vec<&str> = hand.actuators.iter().map(|a| a.name.trim_start_matches("A_")).collect();
     assert_eq!(
         actuators.join(" "),
@@ -39,7 +39,7 @@ fn joints_and_actuators_are_those_of_the_facts() {
     );
     for actuator in &hand.actuators {
         let joint = hand.joint(actuator.name.trim_start_matches("A_")).unwrap();
-        assert_eq!(Some(actuator.ctrlrange), joint.range, "{}", actuator.name);
+        assert_eq!(Some(actuator.ctrlrange), joint.range(), "{}", actuator.name);
         assert!(actuator.forcerange.is_some_and(|(low, high)| low == -high), "{}", actuator.name);
     }
     assert_eq!(hand.actuators[0].servo.unwrap().gain, 5.0);
@@ -58,13 +58,13 @@ fn distal_joints_follow_the_middle_ones() {
 fn a_posture_of_25_joints_maps_to_21_commands() {
     let hand = shadow();
     let map = hand.actuation();
-    assert_eq!((map.joints.len(), map.actuators.len()), (25, 21));
-    assert_eq!((map.joints[0].as_str(), map.actuators[0].as_str()), ("slide", "slide"));
+    assert_eq!((hand.posture.len(), map.actuators.len()), (25, 21));
+    assert_eq!((hand.posture[0].name.as_str(), map.actuators[0].as_str()), ("slide", "slide"));
     assert!(map.matrix.iter().all(|row| row.iter().any(|x| *x != 0.0)), "every servo has a row");
     let open = hand.open_posture_vector();
-    let commands = map.commands(&open);
+    let commands = map.control(&open);
     for (actuator, command) in map.actuators.iter().zip(commands) {
-        let column = map.joints.iter().position(|j| j == actuator.trim_start_matches("A_")).unwrap();
+        let column = hand.posture.iter().position(|j| j.name == actuator.trim_start_matches("A_")).unwrap();
         assert_eq!(command, open[column], "{actuator}");
     }
 }
