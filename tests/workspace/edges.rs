@@ -53,8 +53,10 @@ const ALLOWED: [(&str, &[&str]); 14] = [
             "eigenhand-hands",
             "eigenhand-mujoco",
             "eigenhand-onboard",
+            "eigenhand-render",
             "eigenhand-report",
             "eigenhand-sim",
+            "eigenhand-synergy",
             "eigenhand-train",
             // So that its library is built beside the program that the tests run.
             "eigenhand-hand-parametric",
@@ -129,8 +131,8 @@ const INVARIANTS: [Invariant; 15] = [
             lacks_word("crates/report/src", word);
         }
     }),
-    ("`cli` parses, calls and prints: it reaches the learner and the synergy through `train` alone.", |g| {
-        g.lacks("eigenhand-cli", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-render"]);
+    ("`cli` parses, calls and prints: it reaches the learner through `train` alone.", |g| {
+        g.lacks("eigenhand-cli", &["eigenhand-rl"]);
     }),
     ("`xtask` has no command of a user's of its own: it forwards to `cli`.", |g| {
         g.lacks("xtask", &["eigenhand-mujoco", "eigenhand-sim", "eigenhand-rl", "eigenhand-train", "eigenhand-report"]);

@@ -13,6 +13,7 @@ mod hands;
 pub mod output;
 mod places;
 mod program;
+mod render;
 mod report;
 mod reproduce;
 pub mod setup;
@@ -44,6 +45,8 @@ pub enum Command {
     #[allow(missing_docs)]
     Export(export::Args),
     #[allow(missing_docs)]
+    Render(render::Args),
+    #[allow(missing_docs)]
     Hands(hands::Args),
     #[allow(missing_docs)]
     Bench(bench::Args),
@@ -63,6 +66,7 @@ impl Command {
             Command::Reproduce(args) => reproduce::run(args),
             Command::Report(args) => report::run(args),
             Command::Export(args) => export::run(args),
+            Command::Render(args) => render::run(args),
             Command::Hands(args) => hands::run(args),
             Command::Bench(args) => bench::run(args),
             Command::Doctor(args) => doctor::run(args),

@@ -17,14 +17,17 @@ pub fn speak_as(name: &'static str, command: clap::Command) -> clap::Command {
 }
 
 fn rename(command: clap::Command, name: &str) -> clap::Command {
-    let renamed =
-        |text: Option<&StyledStr>| text.map(|text| text.to_string().replace(&format!("{NAME} "), &format!("{name} ")));
-    let help = renamed(command.get_after_help());
-    let command = match help {
-        Some(help) => command.after_help(help),
-        None => command,
+    let renamed = |text: Option<&StyledStr>| {
+        text.map(|text| text.to_string().replace(&format!("{NAME} "), &format!("{name} "))).unwrap_or_default()
     };
-    command.mut_subcommands(|inner| rename(inner, name))
+    let help = renamed(command.get_after_help());
+    command
+        .after_help(help)
+        .mut_args(|arg| {
+            let help = renamed(arg.get_help());
+            arg.help(help)
+        })
+        .mut_subcommands(|inner| rename(inner, name))
 }
 
 /// Returns a command line of this program, such as `eigenhand eval RUN`.

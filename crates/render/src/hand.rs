@@ -55,6 +55,36 @@ pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) 
     Ok(Picture::grid(&tiles, COLUMNS))
 }
 
+/// Draws the hand and its object in the state of a simulation, from the side.
+///
+/// # Errors
+/// [`RenderError::MuJoCo`] for a palm or a fingertip that the model lacks.
+pub fn grasp(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Picture, RenderError> {
+    let mut points = hand_points(hand, scene, data)?;
+    points.extend(bounding_corners(data, scene.object_geom()));
+    let [width, height] = TILE;
+    let camera = FROM_THE_SIDE.framing(&points, width as f64 / height as f64, FILLED);
+    Ok(draw(data, &camera, width, height))
+}
+
+/// Draws the hand alone in postures, one row of pictures for each row of postures, all with one camera.
+///
+/// # Errors
+/// As [`GraspTask::posed_hand`].
+pub fn postures(hand: &Hand, task: &GraspTask, rows: &[Vec<Vec<f64>>]) -> Result<Picture, RenderError> {
+    let Some(scene) = task.scenes.first() else { return Ok(Picture::grid(&[], 1)) };
+    let posed: Vec<Data> =
+        rows.iter().flatten().map(|posture| task.posed_hand(scene, posture)).collect::<Result<_, _>>()?;
+    let mut points = Vec::new();
+    for data in &posed {
+        points.extend(hand_points(hand, scene, data)?);
+    }
+    let [width, height] = TILE;
+    let camera = FROM_BELOW.framing(&points, width as f64 / height as f64, FILLED);
+    let tiles: Vec<Picture> = posed.iter().map(|data| draw(data, &camera, width, height)).collect();
+    Ok(Picture::grid(&tiles, rows.iter().map(Vec::len).max().unwrap_or(1)))
+}
+
 /// The corners of the boxes around the palm's geoms and those of all that hangs on it, and the fingertips.
 fn hand_points(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Vec<[f64; 3]>, RenderError> {
     let model = data.model();

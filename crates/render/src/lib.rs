@@ -17,7 +17,7 @@ pub use camera::Camera;
 pub use canvas::draw;
 pub use error::RenderError;
 pub use geoms::{bounding_corners, drawn_geoms};
-pub use hand::hand_with_objects;
+pub use hand::{grasp, hand_with_objects, postures};
 pub use picture::Picture;
 
 #[cfg(test)]

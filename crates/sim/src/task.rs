@@ -331,6 +331,24 @@ impl GraspTask {
         Ok(data)
     }
 
+    /// Returns the same with the hand in a posture, whose value for the slide is passed over.
+    ///
+    /// # Shapes
+    /// `posture`: one number for each of [`posture_joints`](Self::posture_joints), in rad and m.
+    ///
+    /// # Errors
+    /// As [`open_hand`](Self::open_hand).
+    pub fn posed_hand(&self, scene: &ObjectScene, posture: &[f64]) -> Result<Data, SimError> {
+        let at = &scene.addresses;
+        let mut data = self.open_hand(scene)?;
+        for (&address, &value) in at.posture_qpos.iter().zip(posture).filter(|(address, _)| **address != at.slide_qpos)
+        {
+            data.qpos_mut()[address] = value;
+        }
+        data.forward();
+        Ok(data)
+    }
+
     /// (action in [-1, 1]) => controls, each mapped onto its actuator's range.
     pub fn scale_action(&self, action: &[f32], ctrl: &mut [f64]) {
         for ((ctrl, &action), &(low, high)) in ctrl.iter_mut().zip(action).zip(&self.control_ranges) {

@@ -7,7 +7,7 @@ use eigenhand_files::{FileError, cannot};
 use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::{Policy, TensorMap};
-use eigenhand_sim::GraspTask;
+use eigenhand_sim::{GraspEnv, GraspTask};
 use eigenhand_synergy::{PostureDatabase, Synergy, newest};
 
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
@@ -17,7 +17,7 @@ use crate::evaluation::{EvaluationStream, Tally, evaluate};
 use crate::hands::{check_digest, hand_named};
 use crate::products::{POLICY, POLICY_TEXT, Products, write_products};
 use crate::provenance::Provenance;
-use crate::rollout::WorkerPool;
+use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
 use crate::task::task_of;
 
@@ -98,6 +98,42 @@ impl FinishedRun {
         })
     }
 
+    /// Lets the policy grasp the object of a scene until it succeeds, at most `tries` times, and returns the environment at
+    /// the end of that episode; none if it never succeeded.
+    ///
+    /// # Errors
+    /// [`TrainError::Sim`].
+    pub fn successful_grasp(&self, scene: usize, tries: u64) -> Result<Option<GraspEnv>, TrainError> {
+        let mut env = GraspEnv::new(&self.task)?;
+        let mut scratch = self.policy.scratch();
+        for index in 0..tries {
+            let job = EpisodeJob {
+                seed: self.config.seed,
+                stream: "picture",
+                index,
+                scene: Some(scene),
+                policy: self.policy.clone(),
+                behaviour: Behaviour::Greedy,
+            };
+            if run_episode(&mut env, &mut scratch, &job)?.success {
+                return Ok(Some(env));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Computes the synergy of the run's postures, with the postures that it covers; none while they are too few.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`] for the posture database.
+    pub fn synergy(&self) -> Result<(Option<Synergy>, Vec<Vec<f64>>), TrainError> {
+        let postures = PostureDatabase::open_existing(self.directory.join(DATABASE))?.postures()?;
+        let config = &self.config.synergy;
+        let joints = &self.task.posture_joints;
+        let synergy = Synergy::fit_newest(joints, &postures, config.components, config.window)?;
+        Ok((synergy, newest(&postures, config.window).to_vec()))
+    }
+
     /// Writes the synergy of the run's postures, the policy and the scenes into a directory that is new, empty or an
     /// earlier export, and lists the files in it.
     ///
@@ -110,9 +146,7 @@ impl FinishedRun {
         if out.is_file() || (occupied && !exported) {
             return Err(TrainError::ExportExists { path: out.to_owned() });
         }
-        let postures = PostureDatabase::open_existing(self.directory.join(DATABASE))?.postures()?;
-        let config = &self.config.synergy;
-        let synergy = Synergy::fit_newest(&self.task.posture_joints, &postures, config.components, config.window)?;
+        let (synergy, postures) = self.synergy()?;
         let products = Products {
             hand: &self.hand,
             task: &self.task,
@@ -121,7 +155,7 @@ impl FinishedRun {
             policy: &self.policy,
             policy_episode: None,
             synergy: synergy.as_ref(),
-            postures: newest(&postures, config.window),
+            postures: &postures,
         };
         write_products(&products, out)?;
         let mut files = Vec::new();

@@ -1,0 +1,111 @@
+//! `eigenhand render`
+
+use std::path::{Path, PathBuf};
+
+use eigenhand_files::{create_directory, write_atomically};
+use eigenhand_render::{Picture, grasp, postures};
+use eigenhand_synergy::Synergy;
+use eigenhand_train::FinishedRun;
+use serde::Serialize;
+
+use crate::output::{Outcome, print, print_json};
+use crate::{search_path, setup};
+
+/// Name of the directory of the pictures in a run directory.
+const DIRECTORY: &str = "pictures";
+/// Episodes that each object has to be grasped in once.
+const TRIES: u64 = 20;
+/// Pictures of grasps in a row.
+const COLUMNS: usize = 4;
+
+/// Draws a run's grasps and the components of its synergy
+#[derive(clap::Args)]
+#[command(
+    after_help = "Writes grasps.png, a successful grasp of each object, and components.png, in each row a component \
+    of the synergy from its least coefficient over the mean posture to its greatest. No display is needed.\n\n\
+    Example:\n  eigenhand render runs/shadow-quick-l1-s1-1"
+)]
+pub struct Args {
+    /// Run directory
+    run: PathBuf,
+    /// Directory for the pictures, which replace older ones [default: pictures, in the run directory]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Components to draw, from the first on
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=100))]
+    components: u64,
+    /// Further directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints one JSON document on standard output
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    run: &'a Path,
+    files: &'a [PathBuf],
+    /// Objects that were not grasped in any of the episodes.
+    not_grasped: &'a [String],
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let hands = search_path(&args.plugins);
+    let run = setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &[]))?;
+    let out = args.out.clone().unwrap_or_else(|| args.run.join(DIRECTORY));
+    let (grasps, not_grasped) = grasps(&run)?;
+    let mut pictures = Vec::new();
+    if !grasps.is_empty() {
+        pictures.push(("grasps.png", Picture::grid(&grasps, COLUMNS)));
+    }
+    if let (Some(synergy), _) = run.synergy()? {
+        let rows = sweep(&synergy, args.components as usize);
+        pictures.push(("components.png", postures(&run.hand, &run.task, &rows)?));
+    }
+    create_directory(&out)?;
+    let mut files = Vec::new();
+    for (name, picture) in pictures {
+        let file = out.join(name);
+        write_atomically(&file, &picture.png()?)?;
+        files.push(file);
+    }
+    if args.json {
+        print_json(&Report { run: &args.run, files: &files, not_grasped: &not_grasped })?;
+    } else {
+        print(&files.iter().map(|file| format!("{}\n", file.display())).collect::<String>())?;
+    }
+    if !not_grasped.is_empty() {
+        eprintln!("note: not drawn, because {TRIES} episodes did not grasp them: {}", not_grasped.join(", "));
+    }
+    Ok(Outcome::Done)
+}
+
+/// Draws a successful grasp of each object, and names the objects without one.
+fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<Picture>, Vec<String>)> {
+    let (mut drawn, mut missing) = (Vec::new(), Vec::new());
+    for (index, scene) in run.task.scenes.iter().enumerate() {
+        match run.successful_grasp(index, TRIES)? {
+            Some(env) => drawn.push(grasp(&run.hand, scene, env.simulation())?),
+            None => missing.push(scene.object.name.to_owned()),
+        }
+    }
+    Ok((drawn, missing))
+}
+
+/// Returns postures along the first components, one row for each: its least coefficient, the mean posture, its greatest.
+fn sweep(synergy: &Synergy, components: usize) -> Vec<Vec<Vec<f64>>> {
+    let ranges = synergy.coefficient_min().iter().zip(synergy.coefficient_max()).enumerate();
+    let row = |(i, (low, high)): (usize, (&f64, &f64))| -> Vec<Vec<f64>> {
+        let at = |value: f64| {
+            let mut z = vec![0.0; synergy.n_components()];
+            z[i] = value;
+            synergy.decode(&z)
+        };
+        [*low, 0.0, *high].map(at).to_vec()
+    };
+    ranges.take(components).map(row).collect()
+}
