@@ -3,7 +3,9 @@
 // A helper function of a test fails the test, which is what a panic means here.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod choice;
 mod contract;
+mod divergence;
 mod docs;
 mod edges;
 mod gripper;
@@ -12,6 +14,7 @@ mod python;
 mod report;
 mod reproduce;
 mod reward;
+mod schedules;
 mod simulation;
 mod source;
 mod support;

@@ -69,10 +69,15 @@ pub fn gripper() -> Hand {
 /// Returns the gripper with more bodies and actuators.
 pub fn gripper_with(bodies: &str, actuators: &str) -> Hand {
     let directory = TempDir::new().unwrap();
-    let model = GRIPPER_MODEL.replace("<!-- extra bodies -->", bodies).replace("<!-- extra actuators -->", actuators);
-    std::fs::write(directory.path().join("hand.toml"), GRIPPER_MANIFEST).unwrap();
-    std::fs::write(directory.path().join("gripper.xml"), model).unwrap();
+    write_gripper(directory.path(), bodies, actuators);
     Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Writes the files of the gripper, with more bodies and actuators, into a directory.
+pub fn write_gripper(directory: &Path, bodies: &str, actuators: &str) {
+    let model = GRIPPER_MODEL.replace("<!-- extra bodies -->", bodies).replace("<!-- extra actuators -->", actuators);
+    std::fs::write(directory.join("hand.toml"), GRIPPER_MANIFEST).unwrap();
+    std::fs::write(directory.join("gripper.xml"), model).unwrap();
 }
 
 /// Returns the settings of a tiny run, with assignments as `--set` takes them.
@@ -137,19 +142,33 @@ impl Run {
     }
 
     pub fn start(&self, config: &RunConfig, stop: &AtomicBool, progress: &mut dyn Progress) -> Summary {
+        self.try_start(config, stop, progress).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// Trains a new run to its end, or to the error that ends it.
+    pub fn try_start(
+        &self,
+        config: &RunConfig,
+        stop: &AtomicBool,
+        progress: &mut dyn Progress,
+    ) -> Result<Summary, TrainError> {
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let run = RunDirectory::create(Some(&self.path), config, &provenance).unwrap();
         let task = task(config, &self.hand);
-        let trainer =
-            Trainer::create(Assignment { config: config.clone(), provenance, hand: self.hand.clone(), task, run })
-                .unwrap();
-        trainer.run(stop, progress).unwrap_or_else(|error| panic!("{error}"))
+        let assignment = Assignment { config: config.clone(), provenance, hand: self.hand.clone(), task, run };
+        Trainer::create(assignment)?.run(stop, progress)
     }
 
     /// Prepares to continue the run.
     pub fn resume(&self) -> Result<Trainer, TrainError> {
+        self.resume_with(|_| {})
+    }
+
+    /// Prepares to continue the run with changed settings.
+    pub fn resume_with(&self, change: impl FnOnce(&mut RunConfig)) -> Result<Trainer, TrainError> {
         let run = RunDirectory::open(&self.path)?;
-        let config = run.config()?;
+        let mut config = run.config()?;
+        change(&mut config);
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let task = task(&config, &self.hand);
         Trainer::resume(Assignment { config, provenance, hand: self.hand.clone(), task, run })

@@ -49,7 +49,7 @@ pub enum TrainError {
     #[error(
         "the learner diverged at update {update}: critic loss {critic_loss}, actor loss {actor_loss}, mean value {q_mean}\n\
          the run's last checkpoint is from before that; to train on, start a new run with smaller learning rates, such as \
-         --set learner.actor_lr={suggested_actor_lr} --set learner.critic_lr={suggested_critic_lr}"
+         --set learner.actor_lr={suggested_actor_lr:.0e} --set learner.critic_lr={suggested_critic_lr:.0e}"
     )]
     LearnerDiverged {
         /// Number of the update.
