@@ -222,6 +222,102 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
 }
 
 #[test]
+fn a_value_out_of_range_is_named_with_its_file_and_line() {
+    let root = TempDir::new().unwrap();
+    let (out, hand) = (root.path().join("run"), hand());
+    let file = root.path().join("config.toml");
+    let file_text = file.to_str().unwrap();
+    let cases = [
+        ("seed = 3\nlambda = -2.0\n", 2, "lambda = -2 is not allowed: expected "),
+        ("# A comment.\n\n[learner]\nhidden = [16]\ngamma = 1.5\n", 5, "learner.gamma = 1.5 is not allowed: expected "),
+        ("\ntraining.slide_hold = 0.5\n", 2, "training.slide_hold = 0.5 is not allowed: expected "),
+        ("[training]\n\nfinal_noise = \"low\"\n", 3, "training.final_noise = \"low\" is not allowed: "),
+    ];
+    for (text, line, says) in cases {
+        std::fs::write(&file, text).unwrap();
+        let output = run(&["train", "--hand", &hand, "--config", file_text, "--out", out.to_str().unwrap()]);
+        assert_error(&output, USAGE, &[&format!("{file_text}, line {line}: {says}")]);
+        assert!(!out.exists());
+    }
+}
+
+#[test]
+fn a_learner_that_diverges_ends_the_run_and_its_checkpoint_gives_a_policy() {
+    let root = TempDir::new().unwrap();
+    let out = root.path().join("run");
+    let out_text = out.to_str().unwrap();
+    let mut arguments = tiny(&hand(), &out);
+    arguments.extend(["--episodes", "40", "--quiet"].map(str::to_owned));
+    arguments.extend(["--set", "learner.critic_lr=1e30"].map(str::to_owned));
+    let diverged = eigenhand().args(&arguments).output().unwrap();
+    assert_error(&diverged, FAILURE, &["diverged at update ", "critic loss ", "learner.critic_lr=1e29"]);
+    // The same again would end the same.
+    assert!(!stderr(&diverged).contains("--resume"), "{}", stderr(&diverged));
+    assert!(!out.join("policy.safetensors").exists());
+    let checkpoints = std::fs::read_dir(out.join("checkpoints")).unwrap();
+    let numbers = checkpoints.filter_map(|entry| {
+        entry.unwrap().file_name().to_str().and_then(|name| name.strip_prefix("episode-"))?.parse::<u64>().ok()
+    });
+    let last = numbers.max().unwrap();
+    assert_eq!(last, 4, "updates begin after 6 episodes, and the next checkpoint is due after 8");
+    let resumed = json(&run(&["train", "--resume", out_text, "--episodes", &last.to_string(), "--json", "--quiet"]));
+    assert_eq!((&resumed["episodes"], &resumed["stopped_by"]), (&last.into(), &"episodes".into()));
+    assert_eq!(resumed["eval_episodes"], 4);
+    assert!(out.join("policy.safetensors").is_file());
+    let exported = run(&["export", out_text, "--out", root.path().join("export").to_str().unwrap()]);
+    assert!(exported.status.success(), "{}", stderr(&exported));
+}
+
+/// Names of the hands in this repository that are directories of data, in order.
+fn written_hands() -> Vec<String> {
+    let directories = std::fs::read_dir(workspace().join("plugins")).unwrap();
+    let name = |manifest: PathBuf| {
+        let text = std::fs::read_to_string(manifest).ok()?;
+        let line = text.lines().find_map(|line| line.strip_prefix("name = "))?;
+        Some(line.trim_matches('"').to_owned())
+    };
+    let mut names: Vec<String> =
+        directories.filter_map(|entry| name(entry.unwrap().path().join("hand.toml"))).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn the_program_alone_has_the_hands_and_trains_one() {
+    let root = TempDir::new().unwrap();
+    let [home, cache, work, plugins] = ["home", "cache", "work", "plugins"].map(|name| root.path().join(name));
+    [&home, &cache, &work].into_iter().for_each(|place| std::fs::create_dir(place).unwrap());
+    let alone = || {
+        let mut command = eigenhand();
+        command.current_dir(&work).env("HOME", &home).env("XDG_CACHE_HOME", &cache);
+        command
+    };
+    let list = |command: &mut Command| -> Vec<(String, PathBuf)> {
+        let listed = json(&command.args(["hands", "list", "--json"]).output().unwrap());
+        let text = |value: &Value| value.as_str().unwrap().to_owned();
+        let pair = |hand: &Value| (text(&hand["name"]), PathBuf::from(text(&hand["directory"])));
+        listed.as_array().unwrap().iter().map(pair).collect()
+    };
+    let listed = list(&mut alone());
+    let mut names: Vec<String> = listed.iter().map(|(name, _)| name.clone()).collect();
+    names.sort();
+    assert!(names.len() >= 4, "{names:?}");
+    assert_eq!(names, written_hands());
+    assert!(listed.iter().all(|(_, directory)| directory.starts_with(&cache)), "{listed:?}");
+    let hand = &names[0];
+    let out = work.join("run");
+    let trained = alone().args(tiny(hand, Path::new("run"))).args(["--episodes", "8", "--json"]).output().unwrap();
+    assert_eq!(json(&trained)["hand"], hand.as_str());
+    assert!(out.join("policy.safetensors").is_file());
+
+    copy_directory(&workspace().join("plugins").join(hand), &plugins.join("mine"));
+    let listed = list(alone().env("EIGENHAND_PLUGINS", &plugins));
+    let found: Vec<&(String, PathBuf)> = listed.iter().filter(|(name, _)| name == hand).collect();
+    assert!(found.len() == 1 && found[0].1.starts_with(&plugins), "{listed:?}");
+    assert_eq!(listed.len(), names.len(), "the others are there as before");
+}
+
+#[test]
 fn a_wrong_command_line_ends_with_2_and_makes_no_directory() {
     let root = TempDir::new().unwrap();
     let out = root.path().join("run");
