@@ -18,19 +18,27 @@ fn example(script: &str, arguments: &[&str], path: &Path) -> String {
     printed
 }
 
+/// Tells whether Python reads TOML, by itself or with a package.
+fn has_toml() -> bool {
+    python_has("importlib.util as u; assert u.find_spec('tomllib') or u.find_spec('tomli')")
+}
+
+/// Returns the version of Python's MuJoCo.
+fn mujoco_version() -> String {
+    let output = Command::new(python()).args(["-c", "import mujoco; print(mujoco.__version__)"]).output().unwrap();
+    String::from_utf8(output.stdout).unwrap().trim().to_owned()
+}
+
 #[test]
 fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
-    // Later versions solve contacts differently, which the script reports.
-    if !(python_has("numpy, mujoco; assert mujoco.__version__ == '2.2.2'")
-        && (python_has("tomllib") || python_has("tomli")))
-    {
+    if !(python_has("numpy, mujoco") && has_toml()) {
         return;
     }
     let hands: Vec<Hand> = registry().list().iter().map(|e| e.hand.as_ref().unwrap().clone()).collect();
     for hand in hands.into_iter().chain([gripper()]) {
         let run = Run::new(hand);
         run.train(&tiny(&["episodes=4", "training.warmup_episodes=2", "objects=[\"cube\", \"disc\"]"]));
-        // The script ends with a status of 1 when the step differs by more than 1e-5.
+        // The script ends with a status of 1 when the step differs by more than it accepts of this MuJoCo.
         let printed = example("run_policy.py", &["--episodes", "2"], &run.path);
         assert_eq!(printed.matches("largest difference").count(), 2, "{printed}");
         let last = printed.lines().last().unwrap();
@@ -40,14 +48,16 @@ fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
 
 #[test]
 fn a_difference_in_the_reference_step_is_noticed() {
-    if !(python_has("numpy, mujoco") && (python_has("tomllib") || python_has("tomli"))) {
+    if !(python_has("numpy, mujoco") && has_toml()) {
         return;
     }
     let run = Run::new(gripper());
     run.train(&tiny(&["episodes=4", "training.warmup_episodes=2"]));
     let scene = run.file("scenes/cube.xml");
     let text = std::fs::read_to_string(&scene).unwrap();
-    let heavier = text.replacen("mass=\"0.3\"", "mass=\"0.31\"", 1);
+    // Of a newer MuJoCo the script accepts a larger difference.
+    let mass = if mujoco_version() == "2.2.2" { "mass=\"0.31\"" } else { "mass=\"0.4\"" };
+    let heavier = text.replacen("mass=\"0.3\"", mass, 1);
     assert_ne!(text, heavier);
     std::fs::write(&scene, heavier).unwrap();
     let script = workspace().join("examples/python/run_policy.py");
@@ -95,7 +105,7 @@ print(len(rows), "rows")
 
 #[test]
 fn the_decoded_posture_is_the_one_of_this_workspace() {
-    if !(python_has("numpy") && (python_has("tomllib") || python_has("tomli"))) {
+    if !(python_has("numpy") && has_toml()) {
         return;
     }
     let run = Run::new(gripper());

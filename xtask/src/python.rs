@@ -11,8 +11,8 @@ const PYTHON: &str = "EIGENHAND_PYTHON";
 const REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
 /// Where set-up puts the packages.
 const ENVIRONMENT: &str = "target/python";
-/// The packages that the tests import.
-const PACKAGES: [&str; 4] = ["numpy", "mujoco", "tensorboard", "setuptools<81"];
+/// The packages that the tests import. The tests know how far this version of MuJoCo differs from the one that training uses.
+const PACKAGES: [&str; 4] = ["numpy>=2,<3", "mujoco==4.0.0", "tensorboard==2.21.0", "tomli; python_version < '3.11'"];
 
 /// Makes a virtual environment with the packages, unless it is there.
 ///

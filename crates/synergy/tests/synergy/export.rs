@@ -241,6 +241,7 @@ fn numpy_reads_the_arrays() {
     let python = std::env::var("EIGENHAND_PYTHON").unwrap_or_else(|_| "python3".to_owned());
     let probe = Command::new(&python).args(["-c", "import numpy"]).output();
     if !probe.is_ok_and(|output| output.status.success()) {
+        assert!(std::env::var_os("EIGENHAND_PYTHON_REQUIRED").is_none(), "{python} cannot import numpy");
         println!("skipped: {python} cannot import numpy (EIGENHAND_PYTHON names another interpreter)");
         return;
     }
