@@ -5,6 +5,7 @@
 
 mod choice;
 mod contract;
+mod defaults;
 mod divergence;
 mod docs;
 mod edges;
