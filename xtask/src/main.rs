@@ -64,7 +64,43 @@ fn main() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
+
+    /// Lists the commands below a command and their options, each with all that `--help` says of it.
+    fn options(command: &clap::Command, place: &str, found: &mut BTreeSet<String>) {
+        for inner in command.get_subcommands() {
+            let place = format!("{place} {}", inner.get_name());
+            found.insert(format!("{place}: {}", inner.get_about().map(ToString::to_string).unwrap_or_default()));
+            for argument in inner.get_arguments() {
+                let (help, required) = (argument.get_help(), argument.is_required_set());
+                let help = help.map(ToString::to_string).unwrap_or_default();
+                found.insert(format!("{place} {argument} (required: {required}): {help}"));
+            }
+            options(inner, &place, found);
+        }
+    }
+
+    #[test]
+    fn every_command_of_the_program_is_here_with_the_same_options() {
+        let mut program = clap::Command::new("eigenhand").disable_help_subcommand(true);
+        program = eigenhand_cli::Command::augment_subcommands(program);
+        let mut here = command();
+        // Options can be written only after that.
+        [&mut program, &mut here].into_iter().for_each(clap::Command::build);
+        let (mut users, mut developers) = (BTreeSet::new(), BTreeSet::new());
+        options(&program, "", &mut users);
+        options(&here, "", &mut developers);
+        assert!(users.len() > 50, "{users:?}");
+        let missing: Vec<&String> = users.difference(&developers).collect();
+        assert!(missing.is_empty(), "cargo xtask lacks {missing:#?}");
+        let is_users = |line: &&String| {
+            program.get_subcommands().any(|inner| line.split([' ', ':']).nth(1) == Some(inner.get_name()))
+        };
+        let more: Vec<&String> = developers.difference(&users).filter(is_users).collect();
+        assert!(more.is_empty(), "cargo xtask adds {more:#?}");
+    }
 
     #[test]
     fn the_arguments_are_consistent() {
