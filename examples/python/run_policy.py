@@ -22,12 +22,13 @@ try:
 except ModuleNotFoundError:  # Python before 3.11: pip install tomli
     import tomli as tomllib
 
-# Largest difference of the reference step: with the MuJoCo that the run was made with, and with a newer one. Newer ones
-# round contacts differently (measured with 4.0: 1e-4 at most), and find other contacts where two boxes touch.
-TOLERANCE, NEWER_TOLERANCE = 1e-5, 1e-3
+# The MuJoCo that runs are made with.
 RUN_VERSION = "2.2.2"
-# What newer versions do by default and 2.2.2 does not.
-NEWER_FEATURES = ("mjDSBL_NATIVECCD", "mjDSBL_MULTICCD", "mjDSBL_ISLAND")
+# Largest difference of the reference step with it, and with a newer one. Newer ones round contacts differently, which
+# shows where the hand presses the object (measured with 4.0).
+TOLERANCE, NEWER_TOLERANCE = 1e-5, 1e-2
+# What newer ones do by default and 2.2.2 does not: they find the contacts of curved shapes in another way.
+NEWER_FEATURES = ("mjDSBL_NATIVECCD", "mjDSBL_MULTICCD")
 
 
 def read_safetensors(path):
