@@ -1,4 +1,4 @@
-//! Files that are whole or absent, and digests.
+//! Writes files so that they are complete or absent, and computes digests.
 #![forbid(unsafe_code)]
 
 use std::fs::{self, File};
@@ -11,7 +11,7 @@ use sha2::{Digest, Sha256};
 #[derive(Debug, thiserror::Error)]
 #[error("cannot {action}")]
 pub struct FileError {
-    /// What was tried, such as `write runs/a/summary.json`.
+    /// The action that failed, such as `write runs/a/summary.json`.
     pub action: String,
     /// The system's reason.
     #[source]
@@ -24,7 +24,7 @@ pub fn cannot(verb: &str, path: &Path) -> impl FnOnce(std::io::Error) -> FileErr
     move |source| FileError { action, source }
 }
 
-/// Writes a file under a temporary name beside its own and renames it, so that it is whole or absent.
+/// Writes a file under a temporary name in the same directory and renames it, so that it is complete or absent.
 ///
 /// # Errors
 /// [`FileError`].
@@ -32,7 +32,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), FileError> {
     write_and_rename(path, bytes, true)
 }
 
-/// As [`write_atomically`], without waiting for the disk: after a power cut the file may be empty or gone.
+/// Like [`write_atomically`], but does not wait for the disk: after a power cut the file may be empty or missing.
 ///
 /// # Errors
 /// [`FileError`].

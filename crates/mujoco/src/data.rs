@@ -11,7 +11,7 @@ use crate::bindings::{self as mj, mjContact, mjData};
 use crate::model::slice_of;
 use crate::{BodyId, GeomId, Model, SiteId};
 
-/// The state of one simulation of a [`Model`], which it keeps alive.
+/// The state of one simulation; it keeps its [`Model`] alive.
 pub struct Data {
     model: Arc<Model>,
     raw: NonNull<mjData>,
@@ -50,7 +50,7 @@ pub struct WarningCounts {
 }
 
 impl WarningCounts {
-    /// Tells whether nothing was raised.
+    /// Tells whether there was no warning.
     pub fn is_clear(&self) -> bool {
         *self == WarningCounts::default()
     }
@@ -163,14 +163,14 @@ impl Data {
 
     /// Returns a body's position in the world, in m.
     pub fn body_position(&self, id: BodyId) -> Vector3<f64> {
-        // SAFETY: xpos holds three numbers a body.
+        // SAFETY: xpos holds three numbers for each body.
         let all = unsafe { slice_of(self.get().xpos, 3 * self.model.nbody() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
     }
 
     /// Returns a body's orientation in the world.
     pub fn body_orientation(&self, id: BodyId) -> UnitQuaternion<f64> {
-        // SAFETY: xquat holds four numbers a body.
+        // SAFETY: xquat holds four numbers for each body.
         let all = unsafe { slice_of(self.get().xquat, 4 * self.model.nbody() as i32) };
         let q = &all[4 * id.0..4 * id.0 + 4];
         UnitQuaternion::from_quaternion(Quaternion::new(q[0], q[1], q[2], q[3]))
@@ -178,21 +178,21 @@ impl Data {
 
     /// Returns a site's position in the world, in m.
     pub fn site_position(&self, id: SiteId) -> Vector3<f64> {
-        // SAFETY: site_xpos holds three numbers a site.
+        // SAFETY: site_xpos holds three numbers for each site.
         let all = unsafe { slice_of(self.get().site_xpos, 3 * self.model.nsite() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
     }
 
     /// Returns a geom's position in the world, in m.
     pub fn geom_position(&self, id: GeomId) -> Vector3<f64> {
-        // SAFETY: geom_xpos holds three numbers a geom.
+        // SAFETY: geom_xpos holds three numbers for each geom.
         let all = unsafe { slice_of(self.get().geom_xpos, 3 * self.model.ngeom() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
     }
 
     /// Returns a geom's orientation in the world, as a matrix.
     pub fn geom_orientation(&self, id: GeomId) -> Matrix3<f64> {
-        // SAFETY: geom_xmat holds nine numbers a geom, row by row.
+        // SAFETY: geom_xmat holds nine numbers for each geom, row by row.
         let all = unsafe { slice_of(self.get().geom_xmat, 9 * self.model.ngeom() as i32) };
         Matrix3::from_row_slice(&all[9 * id.0..9 * id.0 + 9])
     }
@@ -225,12 +225,12 @@ impl Data {
 /// Views `count` values from `first` for writing.
 ///
 /// # Safety
-/// Unless `count` is 0, `first` points at `count` initialised values that nothing else views as long
-/// as `'a`.
+/// Unless `count` is 0, `first` points at `count` initialised values that nothing else reads or writes
+/// during `'a`.
 unsafe fn slice_of_mut<'a, T>(first: *mut T, count: usize) -> &'a mut [T] {
     if count == 0 || first.is_null() {
         return &mut [];
     }
-    // SAFETY: by the caller's promise.
+    // SAFETY: the caller promises this.
     unsafe { std::slice::from_raw_parts_mut(first, count) }
 }

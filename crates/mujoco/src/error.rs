@@ -1,4 +1,4 @@
-//! What can go wrong between this crate and the simulator.
+//! The errors of this crate.
 
 /// Errors of the simulator.
 #[derive(Debug, thiserror::Error)]
@@ -27,7 +27,7 @@ pub enum MuJoCoError {
     NotMuJoCo {
         /// File or soname.
         origin: String,
-        /// What is missing in it.
+        /// The loader's message about the missing symbol.
         reason: String,
     },
     /// A MuJoCo of another version was found.
@@ -48,12 +48,12 @@ pub enum MuJoCoError {
         /// MuJoCo's own message.
         message: String,
     },
-    /// A file of a model cannot be handed to MuJoCo.
+    /// MuJoCo cannot take a file of a model.
     #[error("model file {name}: {reason}")]
     Asset {
         /// The file's name.
         name: String,
-        /// Why not.
+        /// The reason.
         reason: &'static str,
     },
     /// A name is not in the compiled model.

@@ -1,4 +1,4 @@
-//! How a model is put together: its tree of bodies, and the extent of its geoms.
+//! The structure of a model: its tree of bodies, its couplings, and the extent of its geoms.
 
 use nalgebra::Vector3;
 
@@ -27,12 +27,12 @@ impl Model {
         BodyId(self.ints(self.get().jnt_bodyid, self.get().njnt)[id.0] as usize)
     }
 
-    /// Tells whether a joint moves along an axis, instead of turning.
+    /// Tells whether a joint slides along its axis, instead of turning about it.
     pub fn joint_slides(&self, id: JointId) -> bool {
         self.ints(self.get().jnt_type, self.get().njnt)[id.0] == mj::mjJNT_SLIDE as i32
     }
 
-    /// Returns the parent of a body; the world is its own.
+    /// Returns the parent of a body; the world is its own parent.
     pub fn body_parent(&self, id: BodyId) -> BodyId {
         BodyId(self.ints(self.get().body_parentid, self.get().nbody)[id.0] as usize)
     }
@@ -43,8 +43,9 @@ impl Model {
         bits(self.get().geom_contype) != 0 || bits(self.get().geom_conaffinity) != 0
     }
 
-    /// Lists the joints that an equality makes follow another one: of those that a tendon's equality couples, the ones that no
-    /// actuator drives.
+    /// Lists the joints that follow another joint because of an equality constraint.
+    ///
+    /// If the equality couples tendons, their joints without an actuator follow.
     pub fn following_joints(&self) -> Vec<JointId> {
         let raw = self.get();
         let (kinds, first, second) =
@@ -68,7 +69,7 @@ impl Model {
         found.into_iter().map(|joint| JointId(joint.max(0) as usize)).collect()
     }
 
-    /// Lists the joints of which a fixed tendon is the weighted sum.
+    /// Lists the joints of a fixed tendon; the tendon is their weighted sum.
     fn tendon_joints(&self, tendon: i32) -> Vec<i32> {
         let raw = self.get();
         let tendon = tendon.max(0) as usize;
@@ -81,7 +82,7 @@ impl Model {
             .collect()
     }
 
-    /// Lists the pairs of bodies that an active equality ties together at a point or in a pose.
+    /// Lists the pairs of bodies that a `connect` or `weld` equality ties together.
     pub fn tied_bodies(&self) -> Vec<(BodyId, BodyId)> {
         let raw = self.get();
         let (kinds, first, second) =
@@ -94,9 +95,9 @@ impl Model {
 }
 
 impl GeomShape<'_> {
-    /// Returns the point that lies farthest in a direction, both in the geom's frame, in m.
+    /// Returns the geom's farthest point (in m) in a direction; both are in the geom's frame.
     ///
-    /// A plane or height field has no farthest point; its own origin is returned.
+    /// A plane or a height field has no farthest point, so the origin of its frame is returned.
     fn farthest_point(&self, direction: &Vector3<f64>) -> Vector3<f64> {
         let unit = direction.try_normalize(1e-12).unwrap_or_else(Vector3::z);
         let along_z = |half: f64| Vector3::z() * half.copysign(unit.z);
@@ -122,7 +123,7 @@ impl GeomShape<'_> {
 }
 
 impl Data {
-    /// Returns the point of a geom that lies farthest in a direction, both in the world.
+    /// Returns a geom's farthest point in a direction; both are in the world's frame.
     ///
     /// # Units
     /// m.
@@ -134,14 +135,14 @@ impl Data {
 
     /// Returns the point in the world about which a joint turns, in m.
     pub fn joint_anchor(&self, id: JointId) -> Vector3<f64> {
-        // SAFETY: xanchor holds three numbers a joint.
+        // SAFETY: xanchor holds three numbers for each joint.
         let all = unsafe { slice_of(self.get().xanchor, 3 * self.model().joints().count() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
     }
 
     /// Returns the axis of a joint in the world, of length 1.
     pub fn joint_axis(&self, id: JointId) -> Vector3<f64> {
-        // SAFETY: xaxis holds three numbers a joint.
+        // SAFETY: xaxis holds three numbers for each joint.
         let all = unsafe { slice_of(self.get().xaxis, 3 * self.model().joints().count() as i32) };
         Vector3::from_column_slice(&all[3 * id.0..3 * id.0 + 3])
     }

@@ -1,4 +1,4 @@
-//! What a compiled model says of its geoms: shape, colour, group and mesh.
+//! Shape, colour, group and mesh of the geoms in a compiled model.
 
 use nalgebra::Vector3;
 
@@ -6,7 +6,7 @@ use crate::bindings as mj;
 use crate::model::slice_of;
 use crate::{GeomId, Model};
 
-/// Colour of a geom that states none; one with a material then has the material's.
+/// Colour that MuJoCo gives a geom without a colour of its own; such a geom is drawn in the colour of its material.
 const UNSTATED_COLOUR: [f32; 4] = [0.5, 0.5, 0.5, 1.0];
 
 /// The shape of a geom in its own frame, with its sizes in m.
@@ -55,9 +55,9 @@ pub enum GeomShape<'a> {
 /// The triangles of a mesh, in the frame of the geom that shows it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshView<'a> {
-    /// Vertices in m, x, y and z of each.
+    /// Coordinates x, y and z of each vertex, in m.
     vertices: &'a [f32],
-    /// Three vertices of each triangle.
+    /// Indices of the three vertices of each triangle.
     faces: &'a [i32],
 }
 
@@ -67,7 +67,7 @@ impl<'a> MeshView<'a> {
         self.vertices.chunks_exact(3).map(|v| Vector3::new(v[0].into(), v[1].into(), v[2].into()))
     }
 
-    /// Lists the triangles by their corners, leaving out those that name a vertex that is not there.
+    /// Lists the triangles by their corners. Leaves out triangles with the index of a missing vertex.
     pub fn triangles(self) -> impl Iterator<Item = [[f64; 3]; 3]> + 'a {
         let corner = move |index: i32| {
             let first = 3 * usize::try_from(index).ok()?;
@@ -112,7 +112,7 @@ impl Model {
         }
     }
 
-    /// Returns the group by which a viewer shows or hides a geom.
+    /// Returns a geom's group. Viewers show or hide geoms by group.
     pub fn geom_group(&self, id: GeomId) -> i32 {
         self.ints(self.get().geom_group, self.get().ngeom)[id.0]
     }

@@ -1,8 +1,9 @@
 //! MuJoCo 2.2.2: finds the library, checks its version, and owns models and simulation states.
 //!
-//! The library is loaded at run time, so that everything builds on a machine without it. Every `unsafe` call of the
-//! simulator in this workspace is in this crate. A [`Model`] is immutable and shared by threads; a [`Data`] is one
-//! simulation, belongs to one thread at a time and keeps its model alive; ids are typed and are resolved by name once.
+//! The library is loaded at run time, so that everything builds on a machine without it. All `unsafe` code of the
+//! workspace that calls the simulator is in this crate. A [`Model`] is immutable, and threads may share it. A [`Data`]
+//! is one simulation: it belongs to one thread at a time and keeps its model alive. Ids are typed; a name is resolved to
+//! its id once.
 //!
 //! ```no_run
 //! use std::sync::Arc;

@@ -12,7 +12,7 @@ use crate::bindings::{MuJoCoLibrary, mjVERSION_HEADER};
 /// Environment variable that names the library to load instead of the system's.
 pub const LIBRARY_VARIABLE: &str = "EIGENHAND_MUJOCO_LIB";
 
-/// Version, as `mj_version` encodes it, whose structs the bindings describe.
+/// The version that the bindings describe, as `mj_version` encodes it.
 pub const REQUIRED_VERSION: i32 = mjVERSION_HEADER as i32;
 
 const SYSTEM_NAMES: [&str; 2] = ["libmujoco.so.2.2.2", "libmujoco.so"];
@@ -32,10 +32,10 @@ impl MuJoCo {
     /// at once.
     ///
     /// # Errors
-    /// [`MuJoCoError::LibraryMissing`] when no library opens, [`MuJoCoError::LibraryVersion`] when the one
-    /// found is another version. Both say how to mend it.
+    /// [`MuJoCoError::LibraryMissing`] when no library opens, [`MuJoCoError::LibraryVersion`] when it has
+    /// another version. Both messages say what to do.
     pub fn load() -> Result<Arc<MuJoCo>, MuJoCoError> {
-        // Opening writes the library's global handlers, so one thread opens and every other one waits for it.
+        // Opening writes the library's global handlers, so one thread opens and all others wait.
         static LOADED: Mutex<Option<Arc<MuJoCo>>> = Mutex::new(None);
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(library) = &*loaded {
@@ -46,7 +46,7 @@ impl MuJoCo {
         Ok(opened)
     }
 
-    /// Returns the file or soname the library was loaded from.
+    /// Returns the file or soname from which the library was loaded.
     pub fn origin(&self) -> &str {
         &self.origin
     }
@@ -65,8 +65,8 @@ impl MuJoCo {
         };
         let mut reasons = Vec::new();
         for candidate in &candidates {
-            // SAFETY: opening libmujoco runs its static initialisers only, which have no
-            // preconditions. A library that the user names is trusted as a program he starts is.
+            // SAFETY: opening libmujoco runs only its static initialisers, which have no preconditions. A library that
+            // the user names is trusted like a program that the user starts.
             match unsafe { Library::new(candidate) } {
                 Ok(library) => return Self::check(library, candidate.to_string_lossy().into()),
                 Err(error) => reasons.push(match error.source() {
@@ -118,9 +118,10 @@ fn format_version(version: i32) -> String {
     format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)
 }
 
-/// Replaces MuJoCo's fatal-error path, which would wait for a key. MuJoCo does not survive a return
-/// from here and unwinding through C is not allowed, so the process ends at once and audibly: models
-/// are checked before they are stepped, and reaching this is a defect that fails the test that does.
+/// Prints a fatal error and ends the process, where MuJoCo itself would wait for a key.
+///
+/// MuJoCo does not survive a return from here, and unwinding through C is not allowed. Models are checked before they are
+/// stepped, so a call means a defect in this program.
 unsafe extern "C" fn fatal(message: *const c_char) {
     // SAFETY: MuJoCo passes a NUL-terminated string that lives through the call.
     let text = unsafe { CStr::from_ptr(message) }.to_string_lossy();
@@ -128,7 +129,7 @@ unsafe extern "C" fn fatal(message: *const c_char) {
     std::process::abort();
 }
 
-/// Replaces the writing of MUJOCO_LOG.TXT: warnings are read from `mjData.warning` instead.
+/// Does nothing, where MuJoCo itself would write MUJOCO_LOG.TXT: warnings are read from `mjData.warning`.
 unsafe extern "C" fn counted_elsewhere(_message: *const c_char) {}
 
 #[cfg(test)]

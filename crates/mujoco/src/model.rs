@@ -33,8 +33,8 @@ impl Model {
     /// Compiles a model from MJCF text and the files it names, all in memory.
     ///
     /// # Errors
-    /// [`MuJoCoError::Compile`] with MuJoCo's message, [`MuJoCoError::Asset`] for a file name that its
-    /// virtual file system cannot hold.
+    /// [`MuJoCoError::Compile`] with MuJoCo's message, [`MuJoCoError::Asset`] for a file that its virtual file
+    /// system cannot hold.
     pub fn from_xml(library: &Arc<MuJoCo>, xml: &str, assets: &[(String, Vec<u8>)]) -> Result<Model, MuJoCoError> {
         let mut files = VirtualFiles::new(library);
         files.add(SCENE_FILE, xml.as_bytes())?;
@@ -171,12 +171,12 @@ impl Model {
         limited.then(|| (range[2 * id.0], range[2 * id.0 + 1]))
     }
 
-    /// Returns the body a geom belongs to.
+    /// Returns the body to which a geom belongs.
     pub fn geom_body(&self, id: GeomId) -> BodyId {
         BodyId(self.ints(self.get().geom_bodyid, self.get().ngeom)[id.0] as usize)
     }
 
-    /// Tells for every geom whether it hangs on `root` or on one of its descendants.
+    /// Tells for every geom whether it belongs to `root` or to a descendant of `root`.
     pub fn geoms_below(&self, root: BodyId) -> Vec<bool> {
         let parents = self.ints(self.get().body_parentid, self.get().nbody);
         let mut below = vec![false; self.nbody()];
@@ -249,13 +249,13 @@ impl Model {
 /// Views `count` values from `first`; an empty MuJoCo array may be null.
 ///
 /// # Safety
-/// Unless `count` is 0, `first` points at `count` initialised values that live and stay unwritten as
-/// long as `'a`.
+/// Unless `count` is 0, `first` points at `count` initialised values that stay alive and unchanged
+/// during `'a`.
 pub(crate) unsafe fn slice_of<'a, T>(first: *const T, count: i32) -> &'a [T] {
     if count <= 0 || first.is_null() {
         return &[];
     }
-    // SAFETY: by the caller's promise.
+    // SAFETY: the caller promises this.
     unsafe { std::slice::from_raw_parts(first, count as usize) }
 }
 

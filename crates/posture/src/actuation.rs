@@ -2,12 +2,12 @@
 
 use serde::{Deserialize, Serialize};
 
-/// The affine map `ctrl = clamp(matrix q + offset)`; a row is zero where an actuator holds no position.
+/// The affine map `ctrl = clamp(matrix q + offset)`. An actuator that holds no position has a row of zeros.
 ///
-/// Actuators are not joints: one may drive several coupled joints, and then commands, say, their sum.
+/// Actuators are not joints: an actuator may drive several coupled joints and command, for example, their sum.
 ///
 /// # Shapes
-/// For `nu` actuators and `n` joints: `matrix` nu x n, all else nu.
+/// For `nu` actuators and `n` joints: `matrix` nu x n, all other fields nu.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ActuationMap {
     /// The actuators' names, in the order of a command's numbers.
@@ -16,9 +16,9 @@ pub struct ActuationMap {
     pub control_min: Vec<f64>,
     /// The greatest command of each actuator; `inf` for one without a limit.
     pub control_max: Vec<f64>,
-    /// The command's change with each joint's coordinate.
+    /// The change of each command with each joint's coordinate.
     pub matrix: Vec<Vec<f64>>,
-    /// The command at the posture of zeros.
+    /// The commands at the posture of zeros.
     pub offset: Vec<f64>,
 }
 
@@ -26,7 +26,7 @@ impl ActuationMap {
     /// Returns the commands that hold `posture`, clamped to the actuators' ranges.
     ///
     /// # Panics
-    /// When `posture` has not one number for each column of the matrix.
+    /// When `posture` does not have one number for each column of the matrix.
     pub fn control(&self, posture: &[f64]) -> Vec<f64> {
         let ranges = self.control_min.iter().zip(&self.control_max);
         self.matrix

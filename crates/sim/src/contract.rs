@@ -1,4 +1,4 @@
-//! The hand contract: what every hand must do in the simulator before it is worth training.
+//! The hand contract: conditions that every hand must fulfil in the simulator before it is worth training.
 //!
 //! Nothing here names a hand, a joint or a count: everything is read from the hand and from its compiled scenes.
 
@@ -14,23 +14,23 @@ use eigenhand_mujoco::{Data, GeomId, Model, MuJoCo};
 
 /// Random episodes with each object.
 const EPISODES_PER_OBJECT: usize = 3;
-/// Control steps for which a random command is held, so that the hand gets somewhere.
+/// Number of control steps that a random command is held, so that the hand has time to move.
 const HOLD_STEPS: usize = 8;
 /// Time in s that an actuator has to move its joints.
 const DRIVE_TIME: f64 = 1.0;
-/// Time in s of fresh random commands at every control step.
+/// Duration in s of the noise: new random commands at every control step.
 const NOISE_TIME: f64 = 1.0;
 /// Least movement between the ends of an actuator's range, as a share of the joint's range.
 const LEAST_MOVEMENT: f64 = 0.1;
-/// Range in rad or m that a joint without limits is taken to have.
+/// Range in rad or m that is assumed for a joint without limits.
 const UNLIMITED_RANGE: f64 = 1.0;
-/// An entry that varies by less than this (m, rad, or a second of them) is constant.
+/// An entry of the observation that varies by less than this, in its own unit, is constant.
 const LEAST_VARIATION: f32 = 1e-6;
-/// Entry of the observation that is constant where there is one object.
+/// Entry of the observation that is constant if there is only one object.
 const OBJECT_ID: &str = "object:id";
-/// The first condition.
+/// Name of the first condition.
 const COMPILES: &str = "compiles";
-/// Seed of the random episodes; the contract gives one answer for one hand.
+/// Seed of the random episodes, so that the contract always gives the same answer for the same hand.
 const SEED: u64 = 20;
 
 /// One condition and whether it holds.
@@ -40,7 +40,7 @@ pub struct Check {
     pub name: &'static str,
     /// Whether it holds.
     pub passed: bool,
-    /// What was found; for a failure, what to change.
+    /// The finding; after a failure, also what to change.
     pub detail: String,
 }
 
@@ -51,7 +51,7 @@ pub struct ContractReport {
     pub hand: String,
     /// SHA-256 over the hand's files.
     pub digest: String,
-    /// The conditions, in the order in which they were looked at; those after a fatal one are missing.
+    /// The conditions, in the order of the checks. A failure to compile ends the list.
     pub checks: Vec<Check>,
 }
 
@@ -61,13 +61,13 @@ impl ContractReport {
         self.checks.iter().all(|check| check.passed)
     }
 
-    /// Tells whether the hand's scenes compile, without which there is nothing further to check or to draw.
+    /// Tells whether the hand's scenes compile. If not, nothing else can be checked or drawn.
     pub fn compiles(&self) -> bool {
         self.checks.iter().any(|check| check.name == COMPILES && check.passed)
     }
 }
 
-/// `Ok` says what was found, `Err` what is wrong.
+/// `Ok` describes what was found, `Err` what is wrong.
 type Finding = Result<String, String>;
 
 /// Checks a hand with every object of the setting.
@@ -125,7 +125,7 @@ fn scenes_load(task: &GraspTask, library: &Arc<MuJoCo>) -> Finding {
             .map_err(|error| format!("{}: {}", scene.object.name, with_sources(&error)))?;
         let sizes = |model: &Model| [model.nq(), model.nv(), model.nu(), model.nbody(), model.ngeom(), model.nsite()];
         if sizes(&again) != sizes(&scene.model) {
-            return Err(format!("{}: a second reading of the scene gives another model", scene.object.name));
+            return Err(format!("{}: compiling the scene a second time gives a model of another size", scene.object.name));
         }
     }
     let bytes: usize = task.scenes.iter().map(|s| s.scene.xml.len()).sum();
@@ -135,7 +135,7 @@ fn scenes_load(task: &GraspTask, library: &Arc<MuJoCo>) -> Finding {
 fn names_resolve(hand: &Hand, task: &GraspTask) -> Finding {
     let model = &task.scenes[0].model;
     let manifest = &hand.manifest;
-    let missing = |what: &str, name: &str| format!("the compiled scene has no {what} {name:?}, which the hand names");
+    let missing = |what: &str, name: &str| format!("the hand names the {what} {name:?}, but the compiled scene has none of that name");
     model.body(&manifest.palm).map_err(|_| missing("body", &manifest.palm))?;
     for joint in hand.joints.iter().map(|joint| &joint.info).chain(&hand.posture) {
         let id = model.joint(&joint.name).map_err(|_| missing("joint", &joint.name))?;
@@ -242,8 +242,8 @@ fn actuators_move(hand: &Hand, task: &GraspTask) -> Finding {
             let share = moved / range;
             if share.is_nan() || share < LEAST_MOVEMENT {
                 return Err(format!(
-                    "actuator {name:?} moves joint {joint:?} by {:.1} % of its range between its ends {low:.3} and \
-                     {high:.3}: look at its gain, force limits and the joint's damping",
+                    "actuator {name:?} moves joint {joint:?} by only {:.1} % of the joint's range when its command goes \
+                     from {low:.3} to {high:.3}: check its gain, its force limits and the joint's damping",
                     100.0 * share
                 ));
             }
@@ -257,7 +257,7 @@ fn actuators_move(hand: &Hand, task: &GraspTask) -> Finding {
         None => "no actuator acts on a joint".to_owned(),
     };
     if !skipped.is_empty() {
-        text.push_str(&format!("; not looked at, as they act on no joint: {}", skipped.join(", ")));
+        text.push_str(&format!("; not checked, because they act on no joint: {}", skipped.join(", ")));
     }
     Ok(text)
 }
@@ -302,15 +302,15 @@ fn is_deterministic(task: &Arc<GraspTask>) -> Finding {
     let second = play().map_err(|error| with_sources(&error))?;
     match first.iter().zip(&second).position(|(a, b)| a != b) {
         Some(at) => Err(format!(
-            "two simulations of one seed differ from step {} on, in {}",
+            "two simulations with the same seed differ from step {} on, first in {}",
             at / task.observation_len() + 1,
             task.observation_layout()[at % task.observation_len()].name
         )),
-        None => Ok(format!("two simulations of one seed agree in every bit of {} steps", task.config.steps)),
+        None => Ok(format!("two simulations with the same seed agree to the last bit for {} steps", task.config.steps)),
     }
 }
 
-/// What random episodes with held commands showed.
+/// Results of random episodes with held commands.
 struct Exploration {
     episodes: usize,
     steps: usize,
@@ -318,7 +318,7 @@ struct Exploration {
     highest: Vec<f32>,
     /// Name of the first entry that was not finite.
     not_finite: Option<String>,
-    /// Lowest height of a fingertip in m, and which.
+    /// Lowest height in m of a fingertip, and its name.
     lowest_tip: Option<(f64, String)>,
     /// Episodes in which the hand touched the object.
     touched: usize,
@@ -384,7 +384,7 @@ impl Exploration {
 
     fn finite(&self) -> Finding {
         match &self.not_finite {
-            Some(name) => Err(format!("{name} is not a number in some of {} random episodes", self.episodes)),
+            Some(name) => Err(format!("{name} is NaN or infinite in at least one of {} random episodes", self.episodes)),
             None => Ok(format!("{} numbers at each of {} steps", self.lowest.len(), self.steps)),
         }
     }
@@ -396,14 +396,14 @@ impl Exploration {
             .zip(self.lowest.iter().zip(&self.highest))
             .filter(|(_, (low, high))| *high - *low < LEAST_VARIATION)
             .map(|(entry, _)| entry.name)
-            // With one object its number is the same in every episode.
+            // With one object, its id is the same in every episode.
             .filter(|name| task.scenes.len() > 1 || name != OBJECT_ID)
             .collect();
         if constant.is_empty() {
             Ok(format!("no constant entry in {} random episodes", self.episodes))
         } else {
             Err(format!(
-                "constant over {} random episodes: {}; a joint that cannot move does not belong in posture_joints",
+                "constant in {} random episodes: {}; leave joints that cannot move out of posture_joints",
                 self.episodes,
                 constant.join(", ")
             ))
@@ -414,12 +414,12 @@ impl Exploration {
         let top = |object: &Object| 2.0 * object.shape.depth_below_centre(&nalgebra::UnitQuaternion::identity());
         let shortest = task.scenes.iter().map(|scene| top(&scene.object)).fold(f64::INFINITY, f64::min);
         let Some((height, tip)) = &self.lowest_tip else {
-            return Err("the hand names no fingertip".to_owned());
+            return Err("the hand names no fingertip: list its fingertips in hand.toml".to_owned());
         };
-        let advice = "lower mount.position or slide.range, or bring the mount above the object";
+        let advice = "lower mount.position or slide.range, or move the mount above the object";
         if *height > shortest {
             return Err(format!(
-                "the lowest fingertip ({tip}) comes down to {height:.3} m, but the lowest object is {shortest:.3} m \
+                "the lowest fingertip ({tip}) comes down to {height:.3} m, but the shortest object is {shortest:.3} m \
                  tall: {advice}"
             ));
         }

@@ -13,11 +13,11 @@ use eigenhand_mujoco::{Data, WarningCounts};
 /// Height in m from which an object is dropped, so that it does not start inside the plane.
 const DROP: f64 = 0.001;
 
-/// One simulation of every scene of a task, and the episode that is running in one of them.
+/// A simulation for each scene of a task; one of them runs the current episode.
 pub struct GraspEnv {
     task: Arc<GraspTask>,
     simulations: Vec<Data>,
-    /// For each scene its object alone on the plane.
+    /// For each scene, a simulation of its object alone on the plane.
     resting: Vec<Data>,
     current: usize,
     step: usize,
@@ -59,13 +59,13 @@ impl GraspEnv {
         &self.simulations
     }
 
-    /// Starts an episode in the scene of this index in [`GraspTask::scenes`].
+    /// Starts an episode in scene `index` of [`GraspTask::scenes`].
     ///
-    /// The object is dropped in a random pose and comes to rest on the plane before the hand is there. Then it is put
-    /// back to its drawn place, and the open hand stands at the slide's start.
+    /// The object is dropped in a random pose, without the hand, and comes to rest on the plane. Then it is moved back to
+    /// the random place above which it was dropped, and the open hand is set to the slide's start.
     ///
     /// # Errors
-    /// [`SimError::Diverged`] when the simulation does not survive the drop.
+    /// [`SimError::Diverged`] when the simulation diverges during the drop.
     pub fn reset<R: Rng + ?Sized>(&mut self, index: usize, rng: &mut R) -> Result<(), SimError> {
         let task = Arc::clone(&self.task);
         let scene = &task.scenes[index];
@@ -90,7 +90,7 @@ impl GraspEnv {
         }
 
         let mut rest: Vec<f64> = resting.qpos().to_vec();
-        // A quaternion and its negative are one orientation; an episode starts with the one whose w is not negative.
+        // A quaternion and its negative are the same orientation; an episode starts with the one whose w is not negative.
         if rest[3] < 0.0 {
             rest[3..7].iter_mut().for_each(|q| *q = -*q);
         }
@@ -110,7 +110,7 @@ impl GraspEnv {
         Ok(())
     }
 
-    /// Moves the object, which lies on the plane, along x and y.
+    /// Moves the object along x and y on the plane.
     pub fn shift_object(&mut self, by: [f64; 2]) {
         let at = &self.task.scenes[self.current].addresses;
         let data = &mut self.simulations[self.current];
@@ -123,7 +123,7 @@ impl GraspEnv {
     /// Applies an action for one control period.
     ///
     /// # Errors
-    /// [`SimError::Diverged`]; the episode is then worthless and [`reset`](Self::reset) starts another.
+    /// [`SimError::Diverged`]: discard the episode and start another with [`reset`](Self::reset).
     pub fn step(&mut self, action: &[f32]) -> Result<StepFacts, SimError> {
         let data = &mut self.simulations[self.current];
         self.task.scale_action(action, data.ctrl_mut());
@@ -167,7 +167,7 @@ impl GraspEnv {
         [qpos[object] as f32, qpos[object + 1] as f32, qpos[object + 2] as f32]
     }
 
-    /// Returns the place in m where the object is wanted.
+    /// Returns the object's desired position in m.
     pub fn desired_goal(&self) -> [f32; GraspTask::GOAL_LEN] {
         self.desired_goal
     }

@@ -1,4 +1,4 @@
-//! What can go wrong in this crate.
+//! The errors of this crate.
 
 use std::path::PathBuf;
 
@@ -20,7 +20,7 @@ pub enum SimError {
         source: std::io::Error,
     },
     /// An object's name is not in the catalogue.
-    #[error("unknown object {name:?}; the objects are {known}")]
+    #[error("unknown object {name:?}; choose from {known}")]
     UnknownObject {
         /// The name.
         name: String,
@@ -42,7 +42,7 @@ pub enum SimError {
     Hand {
         /// Name of the hand.
         hand: String,
-        /// What does not fit, and what to change.
+        /// The reason, and what to change.
         reason: String,
     },
     /// The simulation produced values that are not finite or too large.

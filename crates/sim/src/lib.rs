@@ -1,4 +1,4 @@
-//! Scenes of a hand with an object, the grasp task as an environment, and the contract that every hand keeps in it.
+//! Scenes of a hand with an object, the grasp task as an environment, and the contract that every hand must fulfil.
 #![forbid(unsafe_code)]
 
 pub mod contract;

@@ -1,4 +1,4 @@
-//! How the simulation is integrated and how contacts behave.
+//! Settings of the integration and of the contacts.
 
 use serde::{Deserialize, Serialize};
 
@@ -20,13 +20,13 @@ pub enum Cone {
 pub struct PhysicsConfig {
     /// Integration step in s.
     pub timestep: f64,
-    /// Integration steps a control step.
+    /// Number of integration steps in a control step.
     pub substeps: usize,
     /// Friction cone.
     pub cone: Cone,
     /// Ratio of frictional to normal constraint impedance.
     pub impratio: f64,
-    /// Iterations of the solver that removes slip afterwards.
+    /// Iterations of the no-slip solver, which runs after the constraint solver.
     pub noslip_iterations: usize,
     /// Largest number of iterations of the constraint solver.
     pub solver_iterations: usize,

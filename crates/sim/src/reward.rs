@@ -1,10 +1,10 @@
-//! Success and reward as pure functions, so that hindsight can recompute them.
+//! Success and reward as pure functions, so that hindsight relabelling can recompute them.
 
 use serde::{Deserialize, Serialize};
 
 use crate::SimError;
 
-/// What a step's contacts were: all that the reward needs besides positions.
+/// The contacts at the end of a step: with the positions, they determine the reward.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct StepFacts {
     /// Whether the object touches the hand.
@@ -41,7 +41,7 @@ pub struct RewardConfig {
 
 /// Reward of a step that succeeds, before the penalty (the authors' code).
 pub const SUCCESS: f32 = 0.0;
-/// Reward of a step that fails (the authors' code). The learner clips value targets for rewards between the two.
+/// Reward of a step that fails (the authors' code). The learner's clip of the targets assumes rewards between the two.
 pub const FAILURE: f32 = -1.0;
 
 impl RewardConfig {
@@ -74,7 +74,7 @@ impl RewardConfig {
     /// (achieved goal, desired goal, facts, penalty) => reward.
     ///
     /// # Source
-    /// Paper, section 2.2: a failure earns [`FAILURE`], a success [`SUCCESS`] less the penalty.
+    /// Paper, section 2.2: a failure earns [`FAILURE`], a success [`SUCCESS`] minus the penalty.
     pub fn reward(
         &self,
         achieved_goal: &[f32],

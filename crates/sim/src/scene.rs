@@ -1,7 +1,7 @@
 //! Composition of a scene: a hand on a vertical slide above a plane, and one object on the plane.
 //!
-//! Works on XML with an XML library. The hand's own defaults are moved into a class of their own, so
-//! that they reach the hand alone; everything that is added states its attributes itself.
+//! The scene is built as an XML tree. The hand's defaults go into a class of their own, so that they apply to the hand
+//! alone. Every element that is added here states all attributes that it needs.
 
 use std::path::Path;
 
@@ -25,13 +25,13 @@ pub const OBJECT_GEOM: &str = "scene/object_geom";
 pub const MOUNT: &str = "scene/mount";
 
 const HAND_CLASS: &str = "scene/hand";
-/// Mass in kg and inertia in kg m2 of the slide's carriage, small against any hand's.
+/// Mass in kg and inertia in kg m2 of the slide's carriage, small compared with any hand.
 const CARRIAGE_MASS: f64 = 0.05;
 const CARRIAGE_INERTIA: f64 = 1e-4;
 const STANDARD_GRAVITY: f64 = 9.81;
 
-/// Top-level sections of a hand's file that describe the hand; the rest (options, size, keyframes,
-/// visual settings, sensors) belongs to the scene or to nobody.
+/// Top-level sections of a hand's file that describe the hand. Other sections (options, size, keyframes, visual settings,
+/// sensors) are not copied; the scene has its own where it needs them.
 const HAND_SECTIONS: [&str; 5] = ["equality", "tendon", "actuator", "contact", "asset"];
 const CLASSED_SECTIONS: [&str; 4] = ["equality", "tendon", "actuator", "contact"];
 const CLASSLESS_ELEMENTS: [&str; 1] = ["exclude"];
@@ -41,15 +41,15 @@ const CLASSLESS_ELEMENTS: [&str; 1] = ["exclude"];
 pub struct Scene {
     /// MJCF text that loads in MuJoCo 2.2.2 and newer.
     pub xml: String,
-    /// The files it names (meshes, textures), by the names it uses.
+    /// The files (meshes, textures) that the text names, each with that name.
     pub assets: Vec<(String, Vec<u8>)>,
 }
 
 impl Scene {
     /// Composes the scene of `hand` and `object`.
     ///
-    /// `lifted_mass` in kg is what the slide's servo carries: its weight is balanced and its rise and
-    /// fall speeds are limited with it. It is the hand's mass, known once a scene has been compiled.
+    /// `lifted_mass` in kg is the mass that the slide's servo carries, which is the hand's. The servo balances its weight,
+    /// and the limits on the speed of the slide depend on it. It is known once a scene has been compiled.
     ///
     /// # Errors
     /// [`SimError::Hand`] when the hand's file has no body, [`SimError::ReadAsset`] for a file it names.
@@ -98,7 +98,7 @@ impl Scene {
     }
 }
 
-/// MJCF text of the object alone on the plane, in which it comes to rest before an episode.
+/// Returns MJCF text of the object alone on the plane; there it comes to rest before an episode.
 pub(crate) fn resting_scene(object: &Object, physics: &PhysicsConfig) -> String {
     let mut root = element("mujoco", &[("model", object.name.to_string())]);
     append(&mut root, option(physics));
@@ -109,8 +109,8 @@ pub(crate) fn resting_scene(object: &Object, physics: &PhysicsConfig) -> String 
     print(&root)
 }
 
-/// Keeps the hand's way of writing angles and frames; directories are resolved here, and inertias are
-/// inferred where none is written because the object has none.
+/// Keeps the hand's conventions for angles and frames. Directories are left out, because file names are resolved here.
+/// Missing inertias are inferred, because the object states none.
 fn compiler(model: &Element) -> Element {
     let mut compiler = Element::new("compiler");
     for own in elements(model).filter(|section| section.name == "compiler") {
@@ -143,15 +143,15 @@ fn option(physics: &PhysicsConfig) -> Element {
     )
 }
 
-/// Room for several times the contacts of a grasp. Every thread allocates it once for each object, and steps at which it
-/// is full are counted.
+/// Makes room for several times the contacts of a grasp. Each thread allocates this memory once for each object. Steps
+/// at which it is full are counted.
 fn size(model: &Element, physics: &PhysicsConfig) -> Element {
     fn geoms(parent: &Element) -> usize {
         elements(parent).map(|child| usize::from(child.name == "geom") + geoms(child)).sum()
     }
     let hand_geoms: usize = elements(model).filter(|s| s.name == "worldbody").map(geoms).sum();
     let contacts = 30 + 2 * hand_geoms;
-    // Of the object's contacts, which have six dimensions.
+    // Constraint rows of one contact with the object, which has six dimensions.
     let rows = match physics.cone {
         Cone::Elliptic => 6,
         Cone::Pyramidal => 10,
@@ -166,7 +166,7 @@ fn visual() -> Element {
     visual
 }
 
-/// The scene's default class is MuJoCo's own; the hand's becomes a named one below it.
+/// Leaves the scene's default class as MuJoCo has it, and puts the hand's defaults into a named class below it.
 fn defaults(model: &Element) -> Element {
     let mut hand_class = element("default", &[("class", HAND_CLASS.to_owned())]);
     for own in elements(model).filter(|section| section.name == "default") {
@@ -177,7 +177,7 @@ fn defaults(model: &Element) -> Element {
     main
 }
 
-/// Adds one default section to another: MJCF allows several, but an element only once in each class.
+/// Merges one default section into another: MJCF allows several sections, but each element only once in a class.
 fn merge_defaults(into: &mut Element, from: &Element) {
     for child in elements(from) {
         let class = child.attributes.get("class");
@@ -239,7 +239,7 @@ fn object_body(object: &Object, physics: &PhysicsConfig) -> Element {
     body
 }
 
-/// The slide with the hand's root bodies in it.
+/// Returns the slide's carriage with the hand's root bodies in it.
 fn mount(hand: &Hand) -> Result<Element, SimError> {
     let slide = &hand.manifest.slide;
     let mut carriage = element("body", &[("name", MOUNT.into())]);
@@ -258,7 +258,7 @@ fn mount(hand: &Hand) -> Result<Element, SimError> {
             ],
         ),
     );
-    // MuJoCo wants mass in every body that moves.
+    // MuJoCo needs a mass in every body that moves.
     append(
         &mut carriage,
         element(
@@ -298,10 +298,10 @@ fn mount(hand: &Hand) -> Result<Element, SimError> {
     Ok(carriage)
 }
 
-/// A position servo that balances the hand's weight.
+/// Returns a position servo that balances the hand's weight.
 ///
-/// Against a joint damping `d`, a force of `weight + d * speed` makes the hand rise at `speed` at most,
-/// so the limits on its speed are limits on its force.
+/// With a joint damping `d`, a force of `weight + d * speed` makes the hand rise at `speed` at most, so a limit on the
+/// force limits the speed.
 fn slide_servo(hand: &Hand, lifted_mass: f64) -> Element {
     let slide = &hand.manifest.slide;
     let weight = lifted_mass * STANDARD_GRAVITY;
@@ -328,8 +328,8 @@ fn slide_servo(hand: &Hand, lifted_mass: f64) -> Element {
     )
 }
 
-/// Reads the files that the hand's assets name and renames them, so that two files of one name in
-/// two directories stay apart.
+/// Reads the files that the hand's assets name, and gives each a unique name: two directories may hold files of the same
+/// name.
 fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, Vec<u8>)>) -> Result<(), SimError> {
     for item in elements_mut(section) {
         let Some(file) = item.attributes.get("file").cloned() else { continue };

@@ -1,4 +1,4 @@
-//! The grasp task: what is fixed over episodes (hand, objects, goals, layout of the observation).
+//! The grasp task: everything that all episodes share (hand, objects, goals, layout of the observation).
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
 
-/// How an object is turned before it is dropped.
+/// Orientation of an object when it is dropped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Orientation {
@@ -33,9 +33,9 @@ pub struct TaskConfig {
     pub final_steps: usize,
     /// Lowest and highest goal above the resting object, in m.
     pub goal_height: [f64; 2],
-    /// Half width in m of the square in which the object is put, around the point below the hand.
+    /// Half width in m of the square in which the object is placed; its centre is below the hand.
     pub object_range: f64,
-    /// How the object is turned before it is dropped.
+    /// Orientation of the object when it is dropped.
     pub orientation: Orientation,
     /// Time in s that a dropped object has to come to rest.
     pub settle_time: f64,
@@ -82,7 +82,7 @@ impl TaskConfig {
     }
 }
 
-/// Everything that determines a grasp task, besides its hand.
+/// Everything that determines a grasp task, except its hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
     /// Names of the objects.
@@ -104,7 +104,7 @@ pub struct ObservationEntry {
     pub unit: &'static str,
 }
 
-/// Where a scene's model keeps what the task reads and writes.
+/// Indices and ids of the quantities in a scene's model that the task reads and writes.
 pub(crate) struct Addresses {
     pub posture_qpos: Vec<usize>,
     pub posture_dof: Vec<usize>,
@@ -142,7 +142,7 @@ struct InertiaBox {
 }
 
 impl InertiaBox {
-    // Of a box of half sizes h, the moment about the first axis is m (h2^2 + h3^2) / 3.
+    // A box with half sizes h has the moment m (h2^2 + h3^2) / 3 about its first axis.
     fn of(model: &Model, body: BodyId) -> InertiaBox {
         let [a, b, c] = model.principal_inertia(body);
         let per_mass = 1.5 / model.body_mass(body);
@@ -163,7 +163,7 @@ pub struct GraspTask {
     pub physics: PhysicsConfig,
     /// Settings of success.
     pub reward: RewardConfig,
-    /// The objects, in the order they were asked for.
+    /// One scene for each object, in the setting's order.
     pub scenes: Vec<ObjectScene>,
     /// The posture's joints, in order.
     pub posture_joints: Vec<JointInfo>,
@@ -171,12 +171,12 @@ pub struct GraspTask {
     pub actuators: Vec<String>,
     /// Control range of every actuator, in the order of the action.
     pub control_ranges: Vec<(f64, f64)>,
-    /// Controls that hold the open hand at the slide's start.
+    /// Controls that hold the hand open at the slide's start.
     pub(crate) start_ctrl: Vec<f64>,
     pub(crate) slide_top: f64,
 }
 
-/// How far in m from its place the object is put where it must not be in the way.
+/// Distance in m by which the object is moved aside where it would be in the way.
 const AWAY: f64 = 0.8;
 
 /// Numbers that describe the object in an observation: pose 7, velocity 6, id 1.
@@ -197,7 +197,7 @@ const OBJECT_ENTRIES: [(&str, &str); 14] = [
     ("object:id", "1"),
 ];
 
-/// The entries of the object's shape, which follow them when they are asked for.
+/// Entries of the object's shape. They follow the others if `task.observe_shape` is set.
 const SHAPE_ENTRIES: [&str; 6] =
     ["object:shape_xx", "object:shape_yy", "object:shape_zz", "object:shape_xy", "object:shape_xz", "object:shape_yz"];
 
@@ -297,7 +297,7 @@ impl GraspTask {
         joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(shape).collect()
     }
 
-    /// Returns the position of the slide's actuator in an action.
+    /// Returns the index of the slide's actuator in an action.
     pub fn slide_action(&self) -> usize {
         self.scenes.first().map_or(0, |scene| scene.addresses.slide_ctrl)
     }
@@ -307,7 +307,7 @@ impl GraspTask {
         &self.start_ctrl
     }
 
-    /// Returns the action of these controls, 0 where an actuator's range is a point.
+    /// Returns the action of these controls; 0 for an actuator whose range is a single value.
     pub fn start_action(&self) -> Vec<f32> {
         let action = |(&ctrl, &(low, high)): (&f64, &(f64, f64))| {
             if high > low { (2.0 * (ctrl - low) / (high - low) - 1.0) as f32 } else { 0.0 }
@@ -331,7 +331,7 @@ impl GraspTask {
         Ok(data)
     }
 
-    /// Returns the same with the hand in a posture, whose value for the slide is passed over.
+    /// Returns the same simulation with the hand in a posture. The posture's value for the slide is ignored.
     ///
     /// # Shapes
     /// `posture`: one number for each of [`posture_joints`](Self::posture_joints), in rad and m.
@@ -349,7 +349,7 @@ impl GraspTask {
         Ok(data)
     }
 
-    /// (action in [-1, 1]) => controls, each mapped onto its actuator's range.
+    /// (action in [-1, 1]) => controls, each scaled to its actuator's range.
     pub fn scale_action(&self, action: &[f32], ctrl: &mut [f64]) {
         for ((ctrl, &action), &(low, high)) in ctrl.iter_mut().zip(action).zip(&self.control_ranges) {
             let unit = (f64::from(action).clamp(-1.0, 1.0) + 1.0) / 2.0;
@@ -365,7 +365,7 @@ fn start_controls(hand: &Hand, n_actuators: usize) -> Result<Vec<f64>, SimError>
         return Err(SimError::Hand {
             hand: hand.manifest.name.clone(),
             reason: format!(
-                "the compiled model has {} actuators, but its file lists {}",
+                "the compiled model has {} actuators, but the hand's file lists {}",
                 n_actuators,
                 actuation.actuators.len()
             ),
@@ -427,10 +427,11 @@ impl ObjectScene {
         Ok(Data::new(&self.resting)?)
     }
 
-    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: the symmetric matrix whose principal axes are those of
-    /// the turned object and whose principal values are the half sizes of the box with its mass and inertia.
+    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the object's shape.
     ///
-    /// Turning an object by one of its symmetries leaves the numbers as they are, which a quaternion does not.
+    /// Its principal axes are those of the turned object. Its principal values are the half sizes of the box that has the
+    /// object's mass and inertia. When an object is turned by one of its symmetries, these numbers stay the same; a
+    /// quaternion does not.
     pub fn shape_along_axes(&self, orientation: [f64; 4]) -> [f64; 6] {
         let [w, x, y, z] = orientation;
         let turned = UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)) * self.inertia_box.axes;
