@@ -1,4 +1,4 @@
-//! The contract that every hand keeps, and the picture beside it.
+//! Checks a hand against the contract, and draws it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,23 +13,23 @@ use serde::Serialize;
 
 use crate::error::OnboardError;
 
-/// What the contract says of a hand, and where its picture is.
+/// The result of the contract for a hand, and the path of its picture.
 #[derive(Clone, Debug, Serialize)]
 pub struct HandCheck {
     /// The conditions.
     #[serde(flatten)]
     pub report: ContractReport,
-    /// The picture, if one was asked for and the hand's scenes compile.
+    /// Path of the picture, if one was requested and the hand's scenes compile.
     pub picture: Option<PathBuf>,
 }
 
-/// Returns where the picture of a hand goes if nobody says otherwise.
+/// Returns the default path of a hand's picture.
 pub fn default_picture(hand: &Hand) -> PathBuf {
     Path::new("runs/hands").join(format!("{}.png", hand.manifest.name))
 }
 
-/// Runs the hand contract in a setting, and draws the hand above the table with each object into a PNG file, which
-/// replaces an older one.
+/// Runs the hand contract in a setting. If `picture` names a PNG file, also draws the hand above the table with each
+/// object, and replaces an older file there.
 ///
 /// # Errors
 /// [`OnboardError::File`] when the picture cannot be written.

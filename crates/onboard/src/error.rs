@@ -1,4 +1,4 @@
-//! What can go wrong on the way from a maker's file to a hand.
+//! The errors of this crate.
 
 use std::path::PathBuf;
 
@@ -29,7 +29,7 @@ pub enum OnboardError {
     /// The survey did not identify the hand.
     #[error("could not identify the palm or the fingers: {reason}")]
     Survey {
-        /// What was found, and what to do.
+        /// The reason, and what to do.
         reason: String,
     },
     /// A name that no hand can have.
@@ -60,7 +60,7 @@ impl OnboardError {
     }
 }
 
-/// Says why a survey does not go on.
+/// Makes the error that ends a survey, with its reason.
 pub(crate) fn refuse(reason: impl Into<String>) -> OnboardError {
     OnboardError::Survey { reason: reason.into() }
 }

@@ -1,4 +1,4 @@
-//! `hands new`: from a model file as its makers publish it to a plugin directory that trains.
+//! `hands new`: turns a model file, as its makers publish it, into a plugin directory that trains.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -23,27 +23,27 @@ use crate::trial::{Place, best_place};
 const MODEL_FILE: &str = "model.xml";
 const ASSETS: &str = "assets";
 const README: &str = "README.md";
-/// Files beside a model that say how it may be used.
+/// Names of licence files.
 const LICENCES: [&str; 4] = ["LICENSE", "LICENSE.txt", "LICENSE.md", "COPYING"];
-/// Directories above a model in which its licence is looked for.
+/// Number of directories, from the model upwards, that are searched for its licence.
 const LICENCE_LEVELS: usize = 3;
 
-/// A hand to be made.
+/// The request for a new hand.
 #[derive(Clone, Debug)]
 pub struct NewHand {
     /// Name of the hand.
     pub name: String,
     /// Its model file, MJCF or URDF.
     pub source: PathBuf,
-    /// The hand's directory; it is made.
+    /// The hand's directory, which is created.
     pub directory: PathBuf,
-    /// What the reader of the file has to be told.
+    /// Options for the reader of the file.
     pub options: ImportOptions,
-    /// What the owner knows better than the survey.
+    /// Hints for the survey.
     pub hints: Hints,
 }
 
-/// What was made, found and assumed.
+/// The new hand, with everything that was found and assumed.
 #[derive(Clone, Debug, Serialize)]
 pub struct NewHandReport {
     /// Name of the hand.
@@ -62,7 +62,7 @@ pub struct NewHandReport {
     pub opening_m: f64,
     /// Factor on the objects' lengths.
     pub object_scale: f64,
-    /// Scripted grasps that lifted the object, and scripted grasps, at the place where the hand hangs.
+    /// Number of scripted grasps at the chosen place that lifted the object, and number of all scripted grasps there.
     pub lifted: [u32; 2],
     /// Actuators that close the hand at the upper end of their range.
     pub close_up: Vec<String>,
@@ -70,15 +70,18 @@ pub struct NewHandReport {
     pub close_down: Vec<String>,
     /// All other actuators.
     pub neither: Vec<String>,
-    /// What was changed in the file, left out or assumed.
+    /// Changes to the file, omissions and assumptions.
     pub notes: Vec<String>,
 }
 
-/// Reads, surveys and writes a hand; scripted grasps in `setting` choose its place. `notes` holds what was changed until then even where it fails.
+/// Reads, surveys and writes a hand; scripted grasps in `setting` choose its place.
+///
+/// `notes` receives every change to the file, also when an error follows.
 ///
 /// # Errors
-/// [`OnboardError::Hand`] for what is wrong with the file, [`OnboardError::MuJoCo`] for what MuJoCo refuses,
-/// [`OnboardError::Survey`] for what the survey does not find, [`OnboardError::HandExists`] for a directory that is there. Nothing is left behind.
+/// [`OnboardError::Hand`] for a faulty file, [`OnboardError::MuJoCo`] for a model that MuJoCo refuses,
+/// [`OnboardError::Survey`] if the palm or the fingers are not found, [`OnboardError::HandExists`] for a directory that
+/// exists and is not empty. After an error, no file is left behind.
 pub fn new_hand(
     request: &NewHand,
     library: &Arc<MuJoCo>,
@@ -103,7 +106,7 @@ pub fn new_hand(
     clear_the_way(&mut imported.model, &found, notes);
     name_meshes_directory(&mut imported);
     if !found.stuck.is_empty() {
-        notes.push(format!("joints that no actuator moves are left out of the posture: {}", found.stuck.join(", ")));
+        notes.push(format!("the posture leaves out joints that no actuator moves: {}", found.stuck.join(", ")));
     }
     let report = report(request, &found, tips, notes.clone());
     write(request, &imported, found, report, library, setting)
@@ -174,10 +177,11 @@ fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>
     let exclude = |(a, b): &(String, String)| element("exclude", &[("body1", a.clone()), ("body2", b.clone())]);
     append_section(model, "contact", found.overlaps.iter().map(exclude));
     let pairs: Vec<String> = found.overlaps.iter().map(|(a, b)| format!("{a} and {b}")).collect();
-    notes.push(format!("links that overlap at rest do not touch one another: {}", pairs.join(", ")));
+    notes.push(format!("contacts between links that overlap at rest are switched off: {}", pairs.join(", ")));
 }
 
-/// Lets what lies above the palm pass through the plane, which at a real table it would stand beside.
+/// Switches off the contacts of bodies above the palm that would touch the plane first. On a real robot, these bodies are
+/// beside the table.
 fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
     for name in &found.in_the_way {
         let geoms =
@@ -190,7 +194,7 @@ fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
     }
     if !found.in_the_way.is_empty() {
         let names = found.in_the_way.join(", ");
-        notes.push(format!("so that the palm can come down to the plane, these touch nothing: {names}"));
+        notes.push(format!("contacts of bodies that would touch the plane before the palm are switched off: {names}"));
     }
 }
 
@@ -201,8 +205,8 @@ fn name_meshes_directory(imported: &mut Imported) {
     }
 }
 
-/// Writes a directory beside the hand's place, reads it back, finds by scripted grasps where the hand has to hang, and moves
-/// the directory there.
+/// Writes the hand to a temporary directory, reads it back, finds the hand's place by scripted grasps, and renames the
+/// directory.
 fn write(
     request: &NewHand,
     imported: &Imported,
@@ -214,7 +218,7 @@ fn write(
     let directory = &request.directory;
     let parent = directory.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
     create_directory(parent)?;
-    // Removed with all that is in it where a line below fails.
+    // The directory is removed with its content if a line below fails.
     let partial = tempfile::Builder::new()
         .prefix(&format!(".{}.", request.name))
         .permissions(fs::Permissions::from_mode(0o777))
@@ -272,7 +276,7 @@ fn list(items: &[String]) -> String {
 }
 
 fn fixed(values: &[f64]) -> String {
-    // A float in TOML has a point.
+    // TOML writes a float with a decimal point.
     let parts: Vec<String> = values.iter().map(|v| format!("{:?}", if *v == 0.0 { 0.0 } else { *v })).collect();
     format!("[{}]", parts.join(", "))
 }
@@ -290,13 +294,10 @@ fn manifest(request: &NewHand, imported: &Imported, found: &Survey, report: &New
         text.push_str(&content);
         text.push('\n');
     };
-    line("# Every key is described in docs/hands.md. What was found and assumed is in README.md.".to_owned());
+    line("# docs/hands.md describes every key. README.md lists what was found and assumed.".to_owned());
     line(format!("schema = {SCHEMA}"));
     line(format!("name = {}", quoted(&request.name)));
-    line(format!(
-        "description = {}",
-        quoted(&format!("{n_fingers} fingers, {n_joints} joints that move; from {file}"))
-    ));
+    line(format!("description = {}", quoted(&format!("{n_fingers} fingers, {n_joints} moving joints; from {file}"))));
     line(format!("model = {}", quoted(MODEL_FILE)));
     line(format!("palm = {}", quoted(&found.palm)));
     line(format!("fingertips = {}", list(&report.fingertips)));
@@ -316,13 +317,15 @@ fn manifest(request: &NewHand, imported: &Imported, found: &Survey, report: &New
     line(format!("name = {}", quoted(&slide)));
     line(format!("range = {}", fixed(&found.slide_range)));
     line("start = 0.0".to_owned());
-    line("# A grasp that is lifted faster is often shaken off.".to_owned());
+    line("# A faster rise often shakes the object off.".to_owned());
     line("rise_speed = 0.25".to_owned());
     line("\n[open_posture]".to_owned());
     for (joint, value) in &found.open_posture {
         let _ = writeln!(text, "{} = {:?}", quoted(joint), value);
     }
-    text.push_str("\n# 1: closes the hand at the upper end of its range, -1: at the lower.\n[closing]\n");
+    text.push_str(
+        "\n# 1: the actuator closes the hand at the upper end of its range; -1: at the lower end.\n[closing]\n",
+    );
     for (names, sign) in [(&report.close_up, 1), (&report.close_down, -1)] {
         for name in names {
             let _ = writeln!(text, "{} = {sign}", quoted(name));
@@ -342,16 +345,17 @@ fn slide_name(imported: &Imported) -> String {
     name
 }
 
-/// Says what was found and assumed, for `README.md` and the terminal.
+/// Describes what was found and assumed, for `README.md` and the terminal.
 pub fn describe_new_hand(report: &NewHandReport) -> String {
     let mut text = String::new();
     let centimetres = |metres: f64| format!("{:.1} cm", 100.0 * metres);
-    let _ = writeln!(text, "- palm: `{}`, which approaches along {} of its frame", report.palm, axis(report.approach));
+    let _ =
+        writeln!(text, "- palm: `{}`; it approaches objects along {} of its frame", report.palm, axis(report.approach));
     let fingers: Vec<String> = report
         .fingertips
         .iter()
         .zip(&report.reach_m)
-        .map(|(tip, reach)| format!("`{tip}` ({} from its first joint)", centimetres(*reach)))
+        .map(|(tip, reach)| format!("`{tip}` ({} from the finger's first joint)", centimetres(*reach)))
         .collect();
     let _ = writeln!(text, "- {} fingertips: {}", fingers.len(), fingers.join(", "));
     for (what, actuators) in [
@@ -365,12 +369,15 @@ pub fn describe_new_hand(report: &NewHandReport) -> String {
     }
     let _ = writeln!(
         text,
-        "- the open hand is {} wide between its tips; objects are scaled by {}",
+        "- the open hand is {} wide between its fingertips; the objects are scaled by {}",
         centimetres(report.opening_m),
         report.object_scale
     );
     let [lifted, tried] = report.lifted;
-    let _ = writeln!(text, "- where it hangs, coming down, closing and rising lifts {lifted} of {tried} objects");
+    let _ = writeln!(
+        text,
+        "- at the chosen place, a scripted grasp (come down, close, rise) lifted the object in {lifted} of {tried} trials"
+    );
     report.notes.iter().for_each(|note| text.push_str(&format!("- {note}\n")));
     text
 }
@@ -386,8 +393,8 @@ fn axis(direction: [f64; 3]) -> String {
 fn readme(request: &NewHand, report: &NewHandReport) -> String {
     let file = request.source.file_name().unwrap_or_default().to_string_lossy();
     format!(
-        "# {}\n\nMade from `{file}` by `cargo xtask hands new`. `model.xml` is that file, mended or converted for MuJoCo 2.2.2; \
-         `hand.toml` says how it is used.\n\n## Found and assumed\n\n{}",
+        "# {}\n\nMade from `{file}` by `eigenhand hands new`. `model.xml` is that file, repaired or converted for MuJoCo 2.2.2; \
+         `hand.toml` describes how to use it.\n\n## Found and assumed\n\n{}",
         request.name,
         describe_new_hand(report)
     )

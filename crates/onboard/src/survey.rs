@@ -1,8 +1,8 @@
-//! What can be found out about a hand nobody has described: palm, fingers, fingertips, the way it closes, and how to
-//! hang it above a plane.
+//! The survey of a hand without a description: finds its palm, its fingers and fingertips, how it closes, and how to
+//! mount it above a plane.
 //!
-//! Nothing is read from names. The hand is driven without gravity and without contacts, by its own actuators, and what
-//! its parts do is measured; so couplings, tendons and closed loops count as they are.
+//! Names tell the survey nothing. The hand's own actuators move it without gravity and contacts, and the motion of its
+//! parts is measured, so couplings, tendons and closed loops are taken into account.
 
 use std::sync::Arc;
 

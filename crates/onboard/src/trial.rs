@@ -1,6 +1,6 @@
-//! Scripted grasps, and the place above the object at which a hand has to hang for them.
+//! Scripted grasps, which find the best place of a hand above the object.
 //!
-//! A hand that is trained moves only up and down, so what it can learn depends on where it hangs. Nothing is learned here:
+//! In training, a hand moves only up and down, so its place limits the grasps that it can learn. Nothing is learned here:
 //! the hand comes down, closes, and rises.
 
 use std::collections::BTreeMap;
@@ -13,34 +13,34 @@ use rand_chacha::ChaCha8Rng;
 
 /// Distance in m between two places that are tried, for objects of scale 1.
 const STEP: f64 = 0.02;
-/// Places that are tried along the fingers (x) and across them (y), in steps from where the hand hangs.
+/// First and last place that is tried along the fingers (x) and across them (y), in steps from the hand's present place.
 const ALONG: [i32; 2] = [-6, 2];
 const ACROSS: [i32; 2] = [-2, 2];
-/// Grasps of each object at each place.
+/// Number of grasps of each object at each place.
 const TRIALS: u64 = 2;
-/// Seconds of coming down, of closing, of holding closed, and of rising.
+/// Durations in s of the phases: come down, close, hold closed, rise.
 const PHASES: [f64; 4] = [0.7, 0.6, 0.3, 1.4];
-/// Height in m above its start at which an object is lifted.
+/// An object counts as lifted when it is higher than this above its start, in m.
 const LIFTED: f64 = 0.08;
-/// First of the seeds from which an object's place and orientation are drawn; the same at every place that is tried.
+/// First seed for an object's random place and orientation. Every place of the hand is tried with the same seeds.
 const SEED: u64 = 40;
 
-/// Where the hand takes most objects.
+/// The place at which the hand lifts most objects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// How far in m the hand has to be moved along x and y.
+    /// Distance in m by which the hand must be moved along x and y.
     pub shift: [f64; 2],
-    /// Grasps there that lifted the object.
+    /// Number of grasps at this place that lifted the object.
     pub lifted: u32,
-    /// Grasps there.
+    /// Number of grasps at this place.
     pub tried: u32,
 }
 
-/// Tries grasps along the fingers, then across them at the best place, and returns the best place of all. A place counts
-/// with its neighbours, because objects do not lie exactly where the hand expects them.
+/// Tries grasps along the fingers, then across them at the best place, and returns the best place of all.
 ///
-/// `closing` is 1 for an actuator that closes the hand at the upper end of its range, -1 at the lower; `scale` is the
-/// objects'.
+/// The grasps at neighbouring places count too, because objects do not lie exactly where the hand expects them. `closing`
+/// is 1 for an actuator that closes the hand at the upper end of its range, and -1 for one that closes it at the lower
+/// end. `scale` is the factor on the objects' lengths.
 ///
 /// # Errors
 /// As [`GraspEnv::new`].
@@ -58,18 +58,18 @@ pub fn best_place(task: &Arc<GraspTask>, closing: &BTreeMap<String, f64>, scale:
             .collect();
         let lifted = script.lifted(&places, step)?;
         let with_neighbours = |i: usize| i64::from(lifted[i - 1] + 2 * lifted[i] + lifted[i + 1]);
-        // A grasp more does not outweigh a step away.
+        // One more grasp must not outweigh one more step.
         let merit = |i: usize| with_neighbours(i) - i64::from(places[i][axis].abs());
         let best = (1..places.len() - 1).max_by_key(|&i| (merit(i), -places[i][axis].abs()));
         place = best.map_or(place, |i| places[i]);
     }
     let tried = (task.scenes.len() * TRIALS as usize) as u32;
     let lifted = script.lifted(&[place], step)?[0];
-    // The hand is moved the other way than the objects were.
+    // The trials moved the objects; the hand must be moved the opposite way.
     Ok(Place { shift: place.map(|i| -f64::from(i) * step), lifted, tried })
 }
 
-/// Actions of one grasp.
+/// The actions of a scripted grasp.
 struct Script<'a> {
     task: &'a Arc<GraspTask>,
     open: Vec<f32>,
@@ -115,7 +115,7 @@ impl<'a> Script<'a> {
         Ok(lifted)
     }
 
-    /// One grasp. A simulation that diverges lifted nothing.
+    /// Tells whether one grasp lifts the object. A grasp whose simulation diverges does not.
     fn lifts(&self, env: &mut GraspEnv, scene: usize, place: [f64; 2], trial: u64) -> bool {
         let mut random = ChaCha8Rng::seed_from_u64(SEED + trial);
         let mut grasp = || -> Result<bool, SimError> {

@@ -1,8 +1,8 @@
-//! Where a picture is taken from.
+//! The camera of a picture.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Where a picture is taken from.
+/// Position and direction from which a picture is taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// The point in the middle of the picture, in m.
@@ -18,7 +18,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// The rows are the directions to the right, up and forward.
+    /// Returns the directions to the right, up and forward as rows.
     pub(crate) fn axes(&self) -> Matrix3<f64> {
         let (sin, cos) = self.azimuth_deg.to_radians().sin_cos();
         let (up, level) = self.elevation_deg.to_radians().sin_cos();
@@ -31,15 +31,15 @@ impl Camera {
         Vector3::from(self.target) - self.axes().row(2).transpose() * self.distance
     }
 
-    /// Half the angles of view, as tangents: across for a picture `aspect` times as wide as it is high, and upright.
+    /// Returns the tangents of half the horizontal and half the vertical angle of view; `aspect` is width over height.
     pub(crate) fn half_view(&self, aspect: f64) -> [f64; 2] {
         let upright = (self.fov_deg.to_radians() / 2.0).tan();
         [upright * aspect, upright]
     }
 
-    /// Returns this camera moved, not turned, so that `points` fill `share` of a picture `aspect` times as wide as high.
+    /// Moves the camera without turning it, so that `points` fill `share` of the picture; `aspect` is width over height.
     ///
-    /// Points that are not finite are passed over; without any the camera stays where it is.
+    /// Points that are not finite are ignored. Without finite points, the camera stays where it is.
     pub fn framing(self, points: &[[f64; 3]], aspect: f64, share: f64) -> Camera {
         let axes = self.axes();
         let seen: Vec<Vector3<f64>> = points

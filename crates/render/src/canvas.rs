@@ -1,4 +1,4 @@
-//! Draws the state of a simulation: geoms in front of one another, light, planes and shadows.
+//! Draws the state of a simulation: geoms that hide one another, light, planes and shadows.
 
 use eigenhand_mujoco::{Data, GeomId, GeomShape};
 use nalgebra::{Matrix3, Vector3};
@@ -11,31 +11,32 @@ use crate::shapes::{Triangle, surface};
 
 /// Samples along each side of a pixel.
 const SUPERSAMPLING: usize = 2;
-/// Depth before which nothing is seen, as a share of the camera's distance.
+/// Depth of the near plane, as a share of the camera's distance. Nothing nearer is seen.
 const NEAR: f64 = 0.01;
-/// Where the light comes from, in the camera's frame: from behind it, above and to the left.
+/// Direction to the light in the camera's frame: behind the camera, above it and to its left.
 const LIGHT: Vector3<f64> = Vector3::new(-0.6, 1.0, -0.5);
-/// The brightest of a surface's three colours is at least this: a black hand would be a silhouette.
+/// Least value of a surface's brightest colour channel. Without it, a black hand would be a silhouette.
 const DARKEST: f64 = 0.2;
-/// Shares of a colour that are seen anyway, where the light falls straight on it, and where the camera looks straight at it.
+/// Brightness from ambient light, from the light at perpendicular incidence, and from the camera at perpendicular view.
 const AMBIENT: f64 = 0.35;
 const DIFFUSE: f64 = 0.5;
 const HEADLIGHT: f64 = 0.25;
 pub(crate) const BACKGROUND: [f64; 3] = [0.93, 0.95, 0.97];
-/// Squares of a plane in the camera's distance, at least.
+/// Least number of a plane's squares along the camera's distance.
 const SQUARES: f64 = 10.0;
 /// How much brighter and darker than the plane its squares are.
 const SQUARE_CONTRAST: f64 = 0.05;
-/// Distances of the camera at which a plane begins to fade and at which it is gone.
+/// Depths at which a plane begins to fade and at which it has disappeared, in units of the camera's distance.
 const FADE: [f64; 2] = [1.5, 6.0];
-/// Darkness of the shadow of what lies on a plane, and height in distances of the camera at which it is down to 1/e.
+/// Darkness of the shadow of an object on the plane, and the height, in units of the camera's distance, at which the
+/// darkness has fallen to 1/e.
 const SHADOW: f64 = 0.6;
 const SHADOW_HEIGHT: f64 = 0.12;
 
-/// Draws the present state of a simulation, whose dependent quantities are computed ([`Data::forward`]).
+/// Draws the present state of a simulation. Call [`Data::forward`] first: it computes the dependent quantities.
 ///
-/// Geoms are drawn opaque, lit from beside the camera whatever lights the model has, on planes that have squares and take
-/// shadows. Height fields, textures and skins are not drawn. The same state gives the same bytes.
+/// Geoms are opaque. The light comes from beside the camera; the model's own lights are ignored. Planes have squares and
+/// show shadows. Height fields, textures and skins are not drawn. The same state gives the same bytes.
 pub fn draw(data: &Data, camera: &Camera, width: usize, height: usize) -> Picture {
     let mut canvas = Canvas::new(data, camera, width, height);
     canvas.draw();
@@ -86,7 +87,7 @@ impl<'a> Canvas<'a> {
         self.axes * (point - self.eye)
     }
 
-    /// The direction to the light in the world.
+    /// Returns the direction to the light in the world's frame.
     fn light(&self) -> Vector3<f64> {
         self.axes.transpose() * LIGHT.normalize()
     }
@@ -103,7 +104,7 @@ impl<'a> Canvas<'a> {
                     let view = lens.ray(sample % lens.width, sample / lens.width).normalize();
                     let normal = normal.try_normalize(0.0).unwrap_or_default();
                     let towards = -(*axes * normal).dot(&view);
-                    // A face is seen from both sides, as meshes are not always closed or wound one way.
+                    // A face is seen from both sides, because meshes are not always closed or consistently oriented.
                     let falls = normal.dot(&light) * if towards < 0.0 { -1.0 } else { 1.0 };
                     let shade = AMBIENT + DIFFUSE * falls.max(0.0) + HEADLIGHT * towards.abs();
                     depth[sample] = at;
@@ -113,7 +114,8 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// For each sample the least height above a plane of what lies straight above the point of the plane that is seen.
+    /// Returns for each sample the height of the lowest surface above the point of the plane that the sample sees; infinite
+    /// if there is none.
     fn heights_above(&self, plane: GeomId, surfaces: &[Vec<Triangle>]) -> Vec<f64> {
         let (origin, up) = (self.data.geom_position(plane), self.data.geom_orientation(plane).column(2).into_owned());
         let mut heights = vec![f64::INFINITY; self.depth.len()];
@@ -142,7 +144,7 @@ impl<'a> Canvas<'a> {
         for (sample, height) in heights.iter().enumerate() {
             let ray = looks * self.lens.ray(sample % self.lens.width, sample / self.lens.width);
             let depth = -eye.z / ray.z;
-            // Seen from above and before whatever was drawn there; a ray along the plane gives no number.
+            // A plane is seen from above only, and hides what is behind it. A ray along the plane has no finite depth.
             if !(eye.z > 0.0 && depth > self.lens.near && depth < self.depth[sample]) {
                 continue;
             }
@@ -180,7 +182,7 @@ impl<'a> Canvas<'a> {
     }
 }
 
-/// Side in m of a plane's squares: 1, 2 or 5 times a power of ten, the largest of which there are enough.
+/// Returns the side in m of a plane's squares: 1, 2 or 5 times a power of ten, as large as [`SQUARES`] allows.
 fn square_size(distance: f64) -> f64 {
     let most = distance / SQUARES;
     let power = 10f64.powf(most.log10().floor());

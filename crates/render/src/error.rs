@@ -1,4 +1,4 @@
-//! What can go wrong in this crate.
+//! The errors of this crate.
 
 use eigenhand_mujoco::MuJoCoError;
 use eigenhand_sim::SimError;
@@ -19,7 +19,7 @@ pub enum RenderError {
         width: usize,
         /// Its height.
         height: usize,
-        /// What the encoder says.
+        /// The encoder's error.
         #[source]
         source: png::EncodingError,
     },

@@ -1,4 +1,4 @@
-//! Which geoms of a model are drawn, and how much room they take.
+//! The geoms that a picture shows, and their bounding boxes.
 
 use eigenhand_mujoco::{Data, GeomId, Model};
 use nalgebra::Vector3;
@@ -8,8 +8,10 @@ use crate::shapes::surface;
 /// Highest group that is drawn, as in MuJoCo's viewer.
 const LAST_GROUP: i32 = 2;
 
-/// Lists the geoms that a picture shows: groups 0 to 2 as in MuJoCo's viewer, and all groups of a body that has no other;
-/// never what is wholly transparent.
+/// Lists the geoms that a picture shows.
+///
+/// As in MuJoCo's viewer, these are the geoms of groups 0 to 2. A body without such geoms is shown by its other geoms.
+/// Geoms that are fully transparent are never shown.
 pub fn drawn_geoms(model: &Model) -> Vec<GeomId> {
     let visible = |geom: GeomId| model.geom_colour(geom)[3] > 0.0;
     let mut has_front = vec![false; model.nbody()];
@@ -23,7 +25,9 @@ pub fn drawn_geoms(model: &Model) -> Vec<GeomId> {
         .collect()
 }
 
-/// Returns the corners of the box around a geom in its own frame, in the world, in m; nothing for a plane.
+/// Returns the corners of a geom's bounding box; a plane has none.
+///
+/// The box is aligned with the geom's frame. Its corners are in the world's frame, in m.
 pub fn bounding_corners(data: &Data, geom: GeomId) -> Vec<[f64; 3]> {
     let (position, turn) = (data.geom_position(geom), data.geom_orientation(geom));
     let own: Vec<Vector3<f64>> =

@@ -1,4 +1,4 @@
-//! What a hand looks like above the table with each object, for a person to judge.
+//! Pictures of a hand above the table with each object, for a person to judge.
 
 use std::sync::Arc;
 
@@ -18,17 +18,17 @@ const TILE: [usize; 2] = [480, 400];
 const COLUMNS: usize = 4;
 /// Share of a tile that the hand and the object fill.
 const FILLED: f64 = 0.88;
-/// Looks at the hand from its side and a little from above, so that the gap between palm and object is seen.
+/// Looks at the hand from its side and a little from above, so that the gap between palm and object is visible.
 const FROM_THE_SIDE: Camera =
     Camera { target: [0.0; 3], azimuth_deg: 215.0, elevation_deg: -16.0, distance: 1.0, fov_deg: 30.0 };
 /// Looks at the palm through the table.
 const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 
-/// Draws the open hand above the table with each object, as an episode starts, in the order of the setting's objects; the
-/// last tile is the hand alone from below, without the table.
+/// Draws the open hand above the table as at the start of an episode, one tile for each object of the setting. The last
+/// tile shows the hand alone from below, without the table.
 ///
-/// All tiles with an object have one camera, so that the objects' sizes can be compared. It frames the palm with all that
-/// hangs on it and the objects: an arm behind the palm may leave the picture.
+/// All tiles with an object share one camera, so that the objects' sizes can be compared. The camera frames the palm, the
+/// fingers and the objects; an arm behind the palm may leave the picture.
 ///
 /// # Errors
 /// Those of [`GraspTask::new`] and [`GraspEnv::reset`].
@@ -85,7 +85,7 @@ pub fn postures(hand: &Hand, task: &GraspTask, rows: &[Vec<Vec<f64>>]) -> Result
     Ok(Picture::grid(&tiles, rows.iter().map(Vec::len).max().unwrap_or(1)))
 }
 
-/// The corners of the boxes around the palm's geoms and those of all that hangs on it, and the fingertips.
+/// Returns the fingertips, and the corners of the bounding boxes of the geoms of the palm and its descendants.
 fn hand_points(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Vec<[f64; 3]>, RenderError> {
     let model = data.model();
     let below_palm = model.geoms_below(model.body(&hand.manifest.palm)?);

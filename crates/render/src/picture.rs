@@ -2,7 +2,7 @@
 
 use crate::error::RenderError;
 
-/// Pixels between two pictures, and their colour.
+/// Width in pixels of the gap between two pictures, and its colour.
 const GAP: usize = 4;
 const GAP_COLOUR: u8 = 255;
 
@@ -32,7 +32,7 @@ impl Picture {
         Picture::grid(pictures, pictures.len())
     }
 
-    /// Puts pictures in rows of `columns` with thin gaps, each in a cell as large as the largest.
+    /// Puts pictures in rows of `columns` with thin gaps. Every cell is as large as the largest picture.
     pub fn grid(pictures: &[Picture], columns: usize) -> Picture {
         let columns = columns.clamp(1, pictures.len().max(1));
         let rows = pictures.len().div_ceil(columns);

@@ -1,18 +1,18 @@
-//! A camera's samples and the triangles that fall on them.
+//! The samples of a camera that a triangle covers.
 
 use nalgebra::Vector3;
 
-/// A corner of a triangle: where it is in the camera's frame (right, up, forward, in m), and three numbers that vary
+/// A corner of a triangle: its position in the camera's frame (right, up, forward, in m), and three numbers that vary
 /// linearly over the triangle.
 pub type Corner = (Vector3<f64>, Vector3<f64>);
 
-/// A pinhole camera before a raster of samples.
+/// A pinhole camera with a raster of samples.
 pub struct Lens {
     pub width: usize,
     pub height: usize,
-    /// Samples in a unit of distance at depth 1.
+    /// Number of samples in a unit of length at depth 1.
     pub focal: f64,
-    /// Depth in m before which nothing is seen.
+    /// Depth of the near plane in m. Nothing nearer is seen.
     pub near: f64,
 }
 
@@ -26,7 +26,7 @@ impl Lens {
 
     /// Calls `paint` with the index, the depth and the interpolated numbers of each sample that a triangle covers.
     ///
-    /// Nothing is painted of a triangle with a corner that is not finite.
+    /// A triangle with a corner that is not finite is skipped.
     pub fn fill(&self, triangle: [Corner; 3], paint: &mut impl FnMut(usize, f64, Vector3<f64>)) {
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !triangle.iter().all(|(place, numbers)| finite(place) && finite(numbers)) {
@@ -41,7 +41,7 @@ impl Lens {
         }
     }
 
-    /// The part of a triangle beyond the near depth, a polygon of up to four corners.
+    /// Returns the part of a triangle beyond the near plane: a polygon with up to four corners.
     fn clip(&self, triangle: [Corner; 3]) -> Vec<Corner> {
         let mut kept = Vec::with_capacity(4);
         for i in 0..3 {
@@ -70,13 +70,13 @@ impl Lens {
         if area == 0.0 || !area.is_finite() {
             return;
         }
-        // Over a picture, what is linear in space is a ratio of linear functions: of itself over depth, and of 1 over depth.
+        // Perspective: (number / depth) and (1 / depth) vary linearly over the picture, so the number is their quotient.
         let inverse = triangle.map(|(place, _)| 1.0 / place.z);
         let over_depth = [0, 1, 2].map(|i| triangle[i].1 * inverse[i]);
         let bounds = |axis: usize, end: usize| {
             let low = a[axis].min(b[axis]).min(c[axis]);
             let high = a[axis].max(b[axis]).max(c[axis]);
-            // A cast saturates, so what lies outside gives an empty range.
+            // A cast saturates, so a triangle outside the picture gives an empty range.
             ((low - 0.5).ceil().max(0.0) as usize)..((high - 0.5).floor() + 1.0).clamp(0.0, end as f64) as usize
         };
         for row in bounds(1, self.height) {

@@ -5,12 +5,12 @@ use std::f64::consts::{PI, TAU};
 use eigenhand_mujoco::{Data, GeomId, GeomShape};
 use nalgebra::Vector3;
 
-/// Sides of everything round: at a radius of 100 pixels its outline is half a pixel off.
+/// Number of sides of a round shape: at a radius of 100 pixels, the error of its outline is half a pixel.
 const SIDES: usize = 32;
-/// Rings of a round end, from its pole to its equator.
+/// Number of rings of a round end, from its pole to its equator.
 const RINGS: usize = 8;
 
-/// A point of a surface and the normal there, which need not have length 1.
+/// A point of a surface with its normal, whose length need not be 1.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
     pub position: Vector3<f64>,
@@ -42,7 +42,7 @@ fn flat(corners: [Vector3<f64>; 3]) -> Triangle {
     corners.map(|position| SurfacePoint { position, normal })
 }
 
-/// Triangles between consecutive rows of points, each row closed; a row of one place is a pole.
+/// Returns the triangles between consecutive rows of points. Each row is closed; at a pole, all points of a row coincide.
 fn rows(rows: &[Vec<SurfacePoint>]) -> Vec<Triangle> {
     let mut triangles = Vec::new();
     for pair in rows.windows(2) {

@@ -30,7 +30,7 @@ fn background() -> [u8; 3] {
     BACKGROUND.map(|channel| (255.0 * channel).round() as u8)
 }
 
-/// Columns and rows, first and last, of what is not background.
+/// Returns the first and last column, and the first and last row, that are not all background.
 fn silhouette(picture: &Picture) -> [usize; 4] {
     let painted = |column: usize, row: usize| picture.pixel(column, row) != Some(background());
     let all = (0..picture.width * picture.height).map(|i| (i % picture.width, i / picture.width));
@@ -39,7 +39,7 @@ fn silhouette(picture: &Picture) -> [usize; 4] {
     })
 }
 
-/// Asserts that what is drawn reaches from `low` to `high`, x and z in m.
+/// Asserts that the drawing extends from `low` to `high`, x and z in m.
 fn assert_extent(data: &Data, low: [f64; 2], high: [f64; 2], what: &str) {
     let found = silhouette(&draw(data, &AFAR, SIZE, SIZE));
     let middle = HALF as f64;
@@ -126,7 +126,7 @@ fn what_no_viewer_shows_is_not_drawn() {
         picture(&format!("<body>{hull}{front}</body>"), &AFAR),
         picture(&format!("<body>{front}</body>"), &AFAR)
     );
-    // A body with nothing else is better drawn than missing.
+    // A body without other geoms is drawn all the same.
     assert_ne!(picture(&format!("<body>{hull}</body>"), &AFAR), empty);
 }
 

@@ -125,7 +125,7 @@ fn scenes_load(task: &GraspTask, library: &Arc<MuJoCo>) -> Finding {
             .map_err(|error| format!("{}: {}", scene.object.name, with_sources(&error)))?;
         let sizes = |model: &Model| [model.nq(), model.nv(), model.nu(), model.nbody(), model.ngeom(), model.nsite()];
         if sizes(&again) != sizes(&scene.model) {
-            return Err(format!("{}: compiling the scene a second time gives a model of another size", scene.object.name));
+            return Err(format!("{}: a second compilation gives a model of another size", scene.object.name));
         }
     }
     let bytes: usize = task.scenes.iter().map(|s| s.scene.xml.len()).sum();
@@ -135,7 +135,8 @@ fn scenes_load(task: &GraspTask, library: &Arc<MuJoCo>) -> Finding {
 fn names_resolve(hand: &Hand, task: &GraspTask) -> Finding {
     let model = &task.scenes[0].model;
     let manifest = &hand.manifest;
-    let missing = |what: &str, name: &str| format!("the hand names the {what} {name:?}, but the compiled scene has none of that name");
+    let missing =
+        |what: &str, name: &str| format!("the hand names the {what} {name:?}, which the compiled scene lacks");
     model.body(&manifest.palm).map_err(|_| missing("body", &manifest.palm))?;
     for joint in hand.joints.iter().map(|joint| &joint.info).chain(&hand.posture) {
         let id = model.joint(&joint.name).map_err(|_| missing("joint", &joint.name))?;
@@ -384,7 +385,7 @@ impl Exploration {
 
     fn finite(&self) -> Finding {
         match &self.not_finite {
-            Some(name) => Err(format!("{name} is NaN or infinite in at least one of {} random episodes", self.episodes)),
+            Some(name) => Err(format!("{name} is not finite in at least one of {} random episodes", self.episodes)),
             None => Ok(format!("{} numbers at each of {} steps", self.lowest.len(), self.steps)),
         }
     }

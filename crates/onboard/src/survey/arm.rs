@@ -11,14 +11,14 @@ use super::fingers::{ancestors, palm};
 use super::stand::{CARRIAGE, stand};
 use crate::error::OnboardError;
 
-/// A joint that carries the palm's origin this far (m), or turns the palm this far (rad), belongs to an arm; a wrist does
-/// less.
+/// A joint belongs to an arm if it moves the palm's origin by more than this (m), or turns by more than this (rad). The
+/// joints of a wrist stay below both.
 const CARRIED: f64 = 0.08;
 const TURNED: f64 = 3.6;
-/// Range of a joint without limits (rad, m).
+/// Range that is assumed for a joint without limits (rad, m).
 const UNLIMITED: (f64, f64) = (-std::f64::consts::PI, std::f64::consts::PI);
 
-/// What an arm ends in, and its joints.
+/// An arm: the body at its end, and its joints.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Arm {
     /// The last body that the arm moves: the hand begins with it.
@@ -51,7 +51,7 @@ pub fn arm(
                 None if is_arm => {
                     found = Some(Arm { hand: model.body_name(body), joints: vec![model.joint_name(joint)] })
                 }
-                // What moves the arm's own parts is the arm's.
+                // A joint between two parts of the arm belongs to the arm, however little it moves the palm.
                 Some(arm) if is_arm || arm.hand != model.body_name(body) => arm.joints.push(model.joint_name(joint)),
                 _ => {}
             }
@@ -60,7 +60,7 @@ pub fn arm(
     Ok(found)
 }
 
-/// Tells whether a joint takes the palm somewhere else, rather than tilting it.
+/// Tells whether a joint moves the palm as an arm does; a wrist only tilts it.
 fn carries(model: &Model, data: &mut Data, joint: JointId, palm: BodyId) -> bool {
     let (low, high) = model.joint_range(joint).unwrap_or(UNLIMITED);
     let mut at = |q: f64| {

@@ -1,10 +1,10 @@
-//! What a survey finds, and what its caller may know better.
+//! The results of a survey, and the hints that its caller may give.
 
 use std::collections::BTreeMap;
 
 use nalgebra::Isometry3;
 
-/// What the owner of a hand knows better.
+/// Hints of the caller, which replace the findings of the survey.
 #[derive(Clone, Debug, Default)]
 pub struct Hints {
     /// Body of the palm.
@@ -16,7 +16,7 @@ pub struct Hints {
 /// A finger of a surveyed hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finger {
-    /// Body that bears the tip.
+    /// Body that holds the tip.
     pub body: String,
     /// The tip in the body's frame, in m.
     pub tip: [f64; 3],
@@ -31,11 +31,11 @@ pub enum Closing {
     Up,
     /// Towards the lower end of its control range.
     Down,
-    /// It does neither: it spreads fingers or turns a wrist.
+    /// Neither: it spreads fingers or turns a wrist, for example.
     Neither,
 }
 
-/// What was found out about a hand.
+/// The results of a survey.
 #[derive(Clone, Debug)]
 pub struct Survey {
     /// Body of the palm.
@@ -44,7 +44,7 @@ pub struct Survey {
     pub fingers: Vec<Finger>,
     /// Direction of approach in the palm's frame.
     pub approach: [f64; 3],
-    /// What each actuator does, in the order of the model.
+    /// Which way each actuator closes the hand, in the order of the model.
     pub closing: Vec<(String, Closing)>,
     /// Positions of the joints in the open posture, in rad and m.
     pub open_posture: BTreeMap<String, f64>,
@@ -60,7 +60,7 @@ pub struct Survey {
     pub moving: Vec<String>,
     /// Joints that never moved.
     pub stuck: Vec<String>,
-    /// Bodies above the palm, such as a forearm, that would touch the plane before the palm or a finger does.
+    /// Bodies above the palm, such as a forearm, that would touch the plane before the palm or a finger.
     pub in_the_way: Vec<String>,
     /// Pairs of bodies that overlap in the open posture or the initial one.
     pub overlaps: Vec<(String, String)>,

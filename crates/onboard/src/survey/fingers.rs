@@ -10,14 +10,14 @@ use super::findings::Hints;
 use super::stand::CARRIAGE;
 use crate::error::{OnboardError, refuse};
 
-/// Bodies that an error names at most.
+/// Largest number of bodies that an error lists.
 const SHOWN: usize = 15;
 
 /// A finger while it is measured.
 pub(super) struct Chain {
     /// Joint nearest to the palm.
     pub(super) first_joint: JointId,
-    /// Body that bears the tip.
+    /// Body that holds the tip.
     pub(super) tip_body: BodyId,
     /// The tip in the body's frame.
     pub(super) tip: Vector3<f64>,
@@ -25,7 +25,7 @@ pub(super) struct Chain {
     pub(super) follows: bool,
 }
 
-/// Bodies from `body` up to the world, itself first.
+/// Lists the bodies from `body` up to the world, `body` first.
 pub(super) fn ancestors(model: &Model, body: BodyId) -> impl Iterator<Item = BodyId> + '_ {
     let mut next = Some(body);
     std::iter::from_fn(move || {
@@ -36,7 +36,7 @@ pub(super) fn ancestors(model: &Model, body: BodyId) -> impl Iterator<Item = Bod
     })
 }
 
-/// Tells for every body whether a joint of the hand moves it against its parent.
+/// Tells for every body whether a joint of the hand moves it relative to its parent.
 pub(super) fn jointed(model: &Model) -> Vec<bool> {
     let mut found = vec![false; model.nbody()];
     for joint in model.joints().filter(|&joint| model.joint_name(joint) != CARRIAGE) {
@@ -45,7 +45,7 @@ pub(super) fn jointed(model: &Model) -> Vec<bool> {
     found
 }
 
-/// The palm: the body that is named, or else what carries every finger.
+/// Returns the palm: the body that the hint names, or else the body that carries every finger.
 pub(super) fn palm(model: &Model, hints: &Hints) -> Result<BodyId, OnboardError> {
     let Some(name) = &hints.palm else { return common_ancestor(model) };
     let moves = jointed(model);
@@ -54,18 +54,21 @@ pub(super) fn palm(model: &Model, hints: &Hints) -> Result<BodyId, OnboardError>
     model.body(name).map_err(|_| {
         let names = model.bodies().filter(carries).map(|b| model.body_name(b)).filter(|name| name != CARRIAGE);
         let names: Vec<String> = names.take(SHOWN).collect();
-        refuse(format!("the file has no body {name:?}; bodies that carry moving parts are {}", names.join(", ")))
+        refuse(format!(
+            "the file has no body {name:?}; choose from the bodies that carry moving parts: {}",
+            names.join(", ")
+        ))
     })
 }
 
-/// The lowest body above all moving parts: whatever carries every finger.
+/// Returns the body that carries every finger: the lowest one above all moving parts.
 fn common_ancestor(model: &Model) -> Result<BodyId, OnboardError> {
     let moves = jointed(model);
     let has_child_that_moves = |body: BodyId| {
         model.bodies().any(|b| moves[b.index()] && b != body && ancestors(model, b).skip(1).any(|a| a == body))
     };
     let ends: Vec<BodyId> = model.bodies().filter(|&b| moves[b.index()] && !has_child_that_moves(b)).collect();
-    let first = *ends.first().ok_or_else(|| refuse("the model has no joint"))?;
+    let first = *ends.first().ok_or_else(|| refuse("the file has no joint, so it has no finger that moves"))?;
     let shared = ancestors(model, first)
         .skip(usize::from(ends.len() == 1))
         .find(|&a| ends.iter().all(|&end| end != a && ancestors(model, end).any(|b| b == a)));
@@ -74,12 +77,13 @@ fn common_ancestor(model: &Model) -> Result<BodyId, OnboardError> {
         .ok_or_else(|| refuse("no body carries all fingers; name the palm with --palm"))
 }
 
-/// Returns the body at the top of the rigid group of `body`: what no joint moves against it.
+/// Returns the top body of the rigid group of `body`; no joint moves the bodies of a group relative to one another.
 pub(super) fn rigid_root(model: &Model, moves: &[bool], body: BodyId) -> BodyId {
     ancestors(model, body).find(|b| moves[b.index()] || model.body_parent(*b).index() == 0).unwrap_or(body)
 }
 
-/// Finds the fingers: what hangs on the palm by a joint. Parts that a closed loop ties together are one finger.
+/// Finds the fingers: the branches that joints connect to the palm. Branches that a closed loop ties together are one
+/// finger.
 pub(super) fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, OnboardError> {
     let moves = jointed(model);
     let group = rigid_root(model, &moves, palm);
@@ -111,13 +115,14 @@ pub(super) fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, Onb
     if found.is_empty() {
         let palm = model.body_name(palm);
         return Err(refuse(format!(
-            "nothing that can touch an object hangs on {palm:?} by a joint; name the palm with --palm"
+            "{palm:?} carries no jointed part that can touch an object; name the palm with --palm"
         )));
     }
     Ok(found)
 }
 
-/// The tip is the point of the finger's last moving part that lies farthest from the joints before it.
+/// Measures the finger that consists of `bodies`. Its tip is the point of its last moving part that is farthest from the
+/// joints before that part.
 pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bodies: Vec<BodyId>) -> Option<Chain> {
     let depth = |body: BodyId| ancestors(model, body).filter(|b| moves[b.index()]).count();
     let joint_of = |body: BodyId| model.joints().find(|&j| model.joint_body(j) == body);
@@ -133,11 +138,11 @@ pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bo
             let part = rigid_root(model, moves, model.geom_body(g));
             let from = joint_of(part).map_or(base, |joint| base_of(model, data, palm, joint));
             let away = data.geom_position(g) - from;
-            // A jaw ends where it reaches farthest across the way it slides.
+            // The tip of a sliding jaw is where the jaw extends farthest perpendicular to its slide.
             let slides = joint_of(part).filter(|&joint| model.joint_slides(joint)).map(|joint| data.joint_axis(joint));
             let away = slides.map_or(away, |axis| away - axis * away.dot(&axis));
             let outward = if away.norm() > 1e-6 { away } else { from - base };
-            // On the line through the geom's middle: a box's farthest point is a corner.
+            // The tip lies on the line through the geom's middle, because the farthest point of a box would be a corner.
             let (middle, outward) = (data.geom_position(g), outward.try_normalize(1e-9).unwrap_or_else(Vector3::z));
             let length = (data.farthest_point(g, &outward) - middle).dot(&outward);
             (model.geom_body(g), middle + outward * length)
@@ -149,7 +154,7 @@ pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bo
     Some(Chain { first_joint, tip_body: body, tip, follows })
 }
 
-/// Where a finger begins: the axis of a joint that turns, the middle of the palm for one that slides.
+/// Returns the base of a finger: the anchor of its first joint, or the middle of the palm if that joint slides.
 pub(super) fn base_of(model: &Model, data: &Data, palm: BodyId, joint: JointId) -> Vector3<f64> {
     if !model.joint_slides(joint) {
         return data.joint_anchor(joint);

@@ -1,4 +1,4 @@
-//! Measuring a hand by moving it.
+//! Measures a hand by moving it.
 
 use std::sync::Arc;
 
@@ -14,34 +14,34 @@ use crate::error::{OnboardError, refuse};
 
 mod placing;
 
-/// Random postures that are looked at.
+/// Number of random postures.
 const POSTURES: usize = 40;
-/// Time in s in which a posture is taken.
+/// Time in s that the hand has to reach a posture.
 const SETTLE_TIME: f64 = 1.0;
-/// An actuator whose effect on a fingertip's distance from the grasp is below this share of the finger's largest does
-/// not close it.
+/// An actuator closes a finger if its effect on the fingertip's distance from the grasp is above this share of the largest
+/// effect on that finger.
 const NEUTRAL: f64 = 0.16;
-/// Reach in m of what can be a finger, and the least way in m that a fingertip has to be able to go.
+/// Shortest and longest finger in m, and the least distance in m by which some fingertip must move.
 const REACHES: [f64; 2] = [0.005, 0.6];
 const TRAVELS: f64 = 0.004;
 /// A direction within this angle (rad) of an axis of the palm is taken to be that axis.
 const SNAP_ANGLE: f64 = 0.7;
 const SEED: u64 = 7;
 
-/// One posture, in the palm's frame.
+/// A posture: the commands, and the fingertips in the palm's frame.
 pub(super) struct Pose {
     controls: Vec<f64>,
     tips: Vec<Vector3<f64>>,
 }
 
-/// A finger when it is straight.
+/// A straight finger.
 struct Straight {
     /// Length in m.
     length: f64,
-    /// Number of the posture in which it is.
+    /// Index of the posture in which it is straight.
     pose: usize,
-    /// Whether it then points the way the hand approaches, as made. Such a finger may curl to either side, and the way that
-    /// leads to the grasp closes it.
+    /// Whether it points in the direction of approach at zero commands. Such a finger may curl to either side; it closes
+    /// when it curls towards the grasp.
     hangs: bool,
 }
 
@@ -66,11 +66,15 @@ impl<'a> Lab<'a> {
             .actuators()
             .map(|id| {
                 let name = model.actuator_name(id);
-                model.control_range(id).ok_or_else(|| refuse(format!("actuator {name:?} has no control range")))
+                model
+                    .control_range(id)
+                    .ok_or_else(|| refuse(format!("actuator {name:?} has no control range: give it a ctrlrange")))
             })
             .collect::<Result<Vec<_>, _>>()?;
         if ranges.is_empty() {
-            return Err(refuse("no actuator moves the hand; give the file one, on a joint that follows no other"));
+            return Err(refuse(
+                "no actuator moves the hand: add one to the file, on a joint that follows no other joint",
+            ));
         }
         let data = Data::new(model)?;
         Ok(Lab {
@@ -87,7 +91,7 @@ impl<'a> Lab<'a> {
         })
     }
 
-    /// Holds controls until the hand has settled.
+    /// Holds controls until the hand has settled, and returns the fingertips in the palm's frame.
     fn take(&mut self, controls: &[f64]) -> Result<Vec<Vector3<f64>>, OnboardError> {
         self.data.reset();
         self.data.ctrl_mut().copy_from_slice(controls);
@@ -96,8 +100,8 @@ impl<'a> Lab<'a> {
         }
         if self.data.warnings().bad_state > 0 || self.data.qpos().iter().any(|q| !q.is_finite()) {
             return Err(refuse(
-                "the hand diverges under its own actuators, without contacts or gravity: give its joints damping and \
-                 armature, or its actuators less gain",
+                "the simulation diverges when the hand's own actuators move it, without contacts or gravity: give its \
+                 joints damping and armature, or its actuators less gain",
             ));
         }
         for (i, &q) in self.data.qpos().iter().enumerate() {
@@ -119,13 +123,13 @@ impl<'a> Lab<'a> {
         )
     }
 
-    /// Where a finger's first joint is, in the palm's frame.
+    /// Returns the base of a finger in the palm's frame.
     fn base(&self, chain: &Chain) -> Vector3<f64> {
         let base = base_of(self.model, &self.data, self.palm, chain.first_joint);
         self.palm_pose().inverse_transform_point(&base.into()).coords
     }
 
-    /// The posture at zero commands, where most makers have their hand open, and random ones.
+    /// Takes the posture at zero commands, in which most hands are open, and random postures.
     pub(super) fn postures(&mut self, chains: Vec<Chain>) -> Result<Vec<Pose>, OnboardError> {
         self.chains = chains;
         let mut random = ChaCha8Rng::seed_from_u64(SEED);
@@ -137,17 +141,17 @@ impl<'a> Lab<'a> {
         commands.into_iter().map(|controls| Ok(Pose { tips: self.take(&controls)?, controls })).collect()
     }
 
-    /// The mean place of a fingertip.
+    /// Returns the mean position of a fingertip.
     fn mean_tip(poses: &[Pose], finger: usize) -> Vector3<f64> {
         poses.iter().map(|pose| pose.tips[finger]).sum::<Vector3<f64>>() / poses.len().max(1) as f64
     }
 
-    /// Length of a finger in a posture.
+    /// Returns the distance from the base of a finger to its tip in a posture.
     fn length(&self, finger: usize, pose: &Pose) -> f64 {
         (pose.tips[finger] - self.base(&self.chains[finger])).norm()
     }
 
-    /// The hand approaches where its fingers reach on average, over all that they can do.
+    /// Sets the direction of approach: the hint, or else the mean direction from base to tip over all fingers and postures.
     pub(super) fn approach(&mut self, poses: &[Pose], hint: Option<[f64; 3]>) -> Result<(), OnboardError> {
         let outward: Vector3<f64> = (0..self.chains.len())
             .map(|f| {
@@ -160,12 +164,12 @@ impl<'a> Lab<'a> {
             None => snap(&outward),
         };
         self.approach = direction.try_normalize(1e-6).ok_or_else(|| {
-            refuse("the direction of approach cannot be made out; name it with --approach, such as --approach +z")
+            refuse("could not identify the direction of approach; give it with --approach, such as --approach +z")
         })?;
         Ok(())
     }
 
-    /// Leaves out links that only guide a finger beside them: they follow other joints, and end far behind the tips.
+    /// Leaves out links that only guide a neighbouring finger: they follow other joints and are much shorter than a finger.
     pub(super) fn leave_out_guides(&mut self, poses: &mut [Pose]) {
         const SHORT: f64 = 0.75;
         let forward: Vec<f64> = (0..self.chains.len())
@@ -184,8 +188,10 @@ impl<'a> Lab<'a> {
         }
     }
 
-    /// Finds where the fingers meet, and a posture in which each is nearly straight: at zero commands, if it then points the
-    /// way the hand approaches, else as far from there as it can be.
+    /// Finds the centre of the grasp, and for each finger a posture in which it is nearly straight.
+    ///
+    /// This is the posture at zero commands if the finger then points in the direction of approach. Otherwise it is the
+    /// posture whose tip is farthest from the centre of the grasp.
     pub(super) fn straighten(&mut self, poses: &[Pose]) {
         const NEARLY: f64 = 0.85;
         let n_fingers = self.chains.len();
@@ -204,41 +210,40 @@ impl<'a> Lab<'a> {
             .collect();
     }
 
-    /// Refuses what cannot hold an object of a few centimetres.
+    /// Refuses fingers that cannot hold an object of a few centimetres.
     pub(super) fn check_fingers(&self, poses: &[Pose]) -> Result<(), OnboardError> {
         let travel = |f: usize| poses.iter().map(|pose| (pose.tips[f] - poses[0].tips[f]).norm()).fold(0.0, f64::max);
         let widest = (0..self.chains.len()).map(travel).fold(0.0, f64::max);
         if widest < TRAVELS {
             return Err(refuse(format!(
-                "no fingertip moves by more than {:.1} mm, whatever the actuators are told: are the ranges of joints and \
-                 controls in the unit that the file says?",
+                "no fingertip moves by more than {:.1} mm, whatever the commands: check that the ranges of joints and \
+                 controls are in the unit that the file declares",
                 1000.0 * widest
             )));
         }
         for (chain, straight) in self.chains.iter().zip(&self.straight) {
             let body = self.model.body_name(chain.tip_body);
-            let reach = 100.0 * straight.length;
-            if reach > 100.0 * REACHES[1] {
+            let [shortest, longest] = REACHES;
+            if straight.length > longest || straight.length < shortest {
                 return Err(refuse(format!(
-                    "{body:?} reaches {reach:.0} cm from its first joint, which is no finger: where the file holds more than a \
-                     hand, name the palm with --palm; where its meshes are in millimetres, scale them by 0.001"
-                )));
-            }
-            if reach < 100.0 * REACHES[0] {
-                return Err(refuse(format!(
-                    "{body:?} reaches {reach:.2} cm from its first joint, which is no finger: are its lengths in metres?"
+                    "fingers longer than {:.0} cm or shorter than {:.0} mm are refused, and the finger that ends at {body:?} \
+                     is {:.2} cm long. Usually the file is in another unit, or holds a whole robot: scale its lengths to \
+                     metres (meshes in millimetres by 0.001), or name the palm with --palm",
+                    100.0 * longest,
+                    1000.0 * shortest,
+                    100.0 * straight.length
                 )));
             }
         }
         Ok(())
     }
 
-    /// Tells which way each actuator brings the tips of straight fingers nearer to the grasp.
+    /// Tells for each actuator which end of its range brings the tips of straight fingers nearer to the grasp.
     pub(super) fn closing(&mut self, poses: &[Pose]) -> Result<Vec<Closing>, OnboardError> {
         const NUDGE: f64 = 0.25;
-        // What moves the tip of a finger that hangs down mostly across the way to the grasp spreads fingers.
+        // An actuator spreads a hanging finger, and does not close it, if it moves the tip mostly sideways.
         const TOWARDS: f64 = 0.2;
-        // The strongest effect of each actuator on a finger, as a share of the strongest that any has on that finger.
+        // The strongest effect of each actuator on a finger, as a share of the largest effect of any actuator on that finger.
         let mut strongest = vec![0.0_f64; self.ranges.len()];
         let starts: Vec<(usize, bool)> = self.straight.iter().map(|straight| (straight.pose, straight.hangs)).collect();
         for (finger, (start, hangs)) in starts.into_iter().enumerate() {
@@ -276,8 +281,10 @@ impl<'a> Lab<'a> {
             .collect())
     }
 
-    /// The direction that, with that of approach, spans the plane in which a finger bends: along the straight finger, or
-    /// for one that points the way the hand approaches, towards the grasp. What leaves the plane spreads fingers.
+    /// Returns the direction that spans, together with the approach, the plane in which a finger bends.
+    ///
+    /// It runs along the straight finger, or towards the grasp if the finger points in the direction of approach. Motion
+    /// out of this plane spreads the fingers.
     fn plane(&self, finger: usize, tip: &Vector3<f64>) -> Vector3<f64> {
         const LEAST: f64 = 0.35;
         let base = self.base(&self.chains[finger]);
@@ -285,24 +292,24 @@ impl<'a> Lab<'a> {
         along.try_normalize(LEAST).unwrap_or_else(|| self.towards_grasp(finger))
     }
 
-    /// Direction from a finger's base to the grasp, across that of approach.
+    /// Returns the direction from a finger's base to the grasp, perpendicular to the approach.
     fn towards_grasp(&self, finger: usize) -> Vector3<f64> {
         self.across(self.grasp - self.base(&self.chains[finger])).try_normalize(1e-9).unwrap_or_else(Vector3::zeros)
     }
 
-    /// A tip's distance from the grasp in the plane of approach and `side`.
+    /// Returns a tip's distance from the grasp in the plane of the approach and `side`.
     fn distance(&self, tip: &Vector3<f64>, side: &Vector3<f64>) -> f64 {
         let away = tip - self.grasp;
         away.dot(&self.approach).hypot(away.dot(side))
     }
 
-    /// The part of a vector across the direction of approach.
+    /// Returns the part of a vector that is perpendicular to the approach.
     fn across(&self, v: Vector3<f64>) -> Vector3<f64> {
         v - self.approach * v.dot(&self.approach)
     }
 }
 
-/// Returns the axis that a direction is near to, else the direction.
+/// Returns the axis near a direction (see [`SNAP_ANGLE`]), or the direction itself if no axis is near.
 fn snap(direction: &Vector3<f64>) -> Vector3<f64> {
     let Some(unit) = direction.try_normalize(1e-9) else { return *direction };
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()];

@@ -5,10 +5,10 @@ use eigenhand_hands::xmltree::Element;
 
 /// Name of the body that carries the hand while it is surveyed.
 pub(super) const CARRIAGE: &str = "survey/carriage";
-/// Step of its simulation in s.
+/// Time step in s of the survey's simulation.
 pub(super) const TIMESTEP: f64 = 0.004;
 
-/// The hand alone on a heavy carriage, so that nothing of it is welded to the world.
+/// Returns MJCF text of the hand alone on a heavy carriage, so that no part of the hand is fixed to the world.
 pub(super) fn stand(root: &Element, contacts: &str) -> String {
     let mut stand = root.clone();
     retain_elements(&mut stand, |e| !matches!(e.name.as_str(), "option" | "size"));

@@ -1,4 +1,4 @@
-//! The open hand above the plane: how far it is closed, what size of object fits, and how it hangs.
+//! Places the open hand above the plane: how far it is closed, which size of object fits, and how it is mounted.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -12,25 +12,26 @@ use crate::survey::findings::{Closing, Finger, Survey};
 use crate::survey::fingers::ancestors;
 use crate::survey::stand::CARRIAGE;
 
-/// Reach in m of a finger, and opening in m between fingertips, for which the objects have the right size.
+/// Length of a finger and opening between fingertips, both in m, that suit objects of scale 1.
 const USUAL_REACH: f64 = 0.1;
 const USUAL_OPENING: f64 = 0.11;
-/// Opening in m that the open posture aims at, for objects of scale 1.
+/// Opening in m of the open posture, for objects of scale 1.
 const OPENING: f64 = 0.13;
-/// Scales this near to 1 are 1.
+/// A scale that differs from 1 by at most this becomes 1.
 const NEAR_ONE: f64 = 0.25;
+/// Smallest and largest scale of the objects.
 const SCALES: [f64; 2] = [0.3, 1.0];
 /// Height in m of the tallest object of scale 1, and the room above it.
 const TALLEST: f64 = 0.095;
 const ROOM: f64 = 0.012;
-/// How far in m the hand can press on the plane, and its travel above that.
+/// Depth in m below the plane to which the slide can push the hand, and the length in m of the slide.
 const PRESS: f64 = 0.005;
 const TRAVEL: f64 = 0.28;
 /// A joint that moves less than this (rad, m) over all postures is stuck.
 const STUCK: f64 = 1e-4;
 
 impl Lab<'_> {
-    /// Controls of the hand closed by a share of each closing actuator's range.
+    /// Returns the controls that close the hand by a share of each closing actuator's range.
     fn closed_by(&self, closing: &[Closing], share: f64) -> Vec<f64> {
         self.ranges
             .iter()
@@ -44,7 +45,7 @@ impl Lab<'_> {
             .collect()
     }
 
-    /// Twice the mean distance of the tips from the line of approach.
+    /// Returns the opening: twice the mean distance of the tips from the line of approach through their centre.
     fn opening(&self, tips: &[Vector3<f64>]) -> f64 {
         let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
         let across = |tip: &Vector3<f64>| {
@@ -54,7 +55,7 @@ impl Lab<'_> {
         2.0 * tips.iter().map(across).sum::<f64>() / tips.len().max(1) as f64
     }
 
-    /// Finds how far closed the hand should start: controls, opening and scale of the objects.
+    /// Chooses the open posture: returns its controls, its opening, and the scale of the objects.
     pub(in crate::survey) fn open(&mut self, closing: &[Closing]) -> Result<(Vec<f64>, f64, f64), OnboardError> {
         const SHARES: [f64; 9] = [0.08, 0.15, 0.22, 0.29, 0.36, 0.43, 0.5, 0.57, 0.64];
         let mut tried = Vec::new();
@@ -91,7 +92,7 @@ impl Lab<'_> {
             .iter()
             .map(|&j| {
                 let q = (self.data.qpos()[model.qpos_address(j)] * 1e4).round() / 1e4;
-                // A servo pulls a joint past its range, and rounding may, too.
+                // A servo or rounding may push a joint past its range.
                 let q = model.joint_range(j).map_or(q, |(low, high)| q.clamp(low, high));
                 (model.joint_name(j), q)
             })
@@ -126,7 +127,9 @@ impl Lab<'_> {
         })
     }
 
-    /// Turns the direction of approach down and the fingers along x, and puts the tallest object under the open hand.
+    /// Mounts the hand: the approach points down, the fingers along x, and the tallest object fits under the open hand.
+    ///
+    /// Returns the mount, the range of the slide, and the bodies that would touch the plane before the hand.
     fn mount(&self, poses: &[Pose], tips: &[Vector3<f64>], scale: f64) -> (Isometry3<f64>, [f64; 2], Vec<BodyId>) {
         let down = self.approach;
         let straight: Vector3<f64> = (0..self.chains.len())
@@ -146,7 +149,7 @@ impl Lab<'_> {
         ]));
         let turn =
             UnitQuaternion::from_rotation_matrix(&world_from_palm) * self.data.body_orientation(self.palm).inverse();
-        // The carriage stands at the world's origin and is not turned, so `turn` is the mount's.
+        // The carriage is at the world's origin and not rotated, so `turn` is also the rotation of the mount.
         let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
         let centre = turn * self.palm_pose().transform_point(&centre.into()).coords;
         let up = turn.inverse_transform_vector(&Vector3::z());
