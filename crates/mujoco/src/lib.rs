@@ -2,8 +2,8 @@
 //!
 //! The library is loaded at run time, so that everything builds on a machine without it. All `unsafe` code of the
 //! workspace that calls the simulator is in this crate. A [`Model`] is immutable, and threads may share it. A [`Data`]
-//! is one simulation: it belongs to one thread at a time and keeps its model alive. Ids are typed; a name is resolved to
-//! its id once.
+//! is one simulation: it belongs to one thread at a time and keeps its model alive. Ids are typed; a name is resolved
+//! to its id once.
 //!
 //! ```no_run
 //! use std::sync::Arc;

@@ -28,8 +28,8 @@ pub struct MuJoCo {
 impl MuJoCo {
     /// Loads the library once per process and returns the shared handle.
     ///
-    /// The search order is `EIGENHAND_MUJOCO_LIB`, `libmujoco.so.2.2.2`, `libmujoco.so`. Any number of threads may call it
-    /// at once.
+    /// The search order is `EIGENHAND_MUJOCO_LIB`, `libmujoco.so.2.2.2`, `libmujoco.so`. Any number of threads may call
+    /// it at once.
     ///
     /// # Errors
     /// [`MuJoCoError::LibraryMissing`] when no library opens, [`MuJoCoError::LibraryVersion`] when it has
@@ -120,8 +120,8 @@ fn format_version(version: i32) -> String {
 
 /// Prints a fatal error and ends the process, where MuJoCo itself would wait for a key.
 ///
-/// MuJoCo does not survive a return from here, and unwinding through C is not allowed. Models are checked before they are
-/// stepped, so a call means a defect in this program.
+/// MuJoCo does not survive a return from here, and unwinding through C is not allowed. Models are checked before they
+/// are stepped, so a call means a defect in this program.
 unsafe extern "C" fn fatal(message: *const c_char) {
     // SAFETY: MuJoCo passes a NUL-terminated string that lives through the call.
     let text = unsafe { CStr::from_ptr(message) }.to_string_lossy();

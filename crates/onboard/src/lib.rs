@@ -1,8 +1,8 @@
 //! From a maker's file to a hand that trains: import, survey, scripted grasps, check.
 //!
-//! [`new_hand`] reads MJCF or URDF, finds palm, fingers, approach and place by moving the hand ([`survey`]) and by scripted
-//! grasps ([`trial`]), and writes a plugin directory. [`check_hand`] runs the contract and draws the hand. Nothing is
-//! learned here.
+//! [`new_hand`] reads MJCF or URDF, finds palm, fingers, approach and place by moving the hand ([`survey`]) and by
+//! scripted grasps ([`trial`]), and writes a plugin directory. [`check_hand`] runs the contract and draws the hand.
+//! Nothing is learned here.
 #![forbid(unsafe_code)]
 
 mod check;

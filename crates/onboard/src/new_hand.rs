@@ -180,8 +180,8 @@ fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>
     notes.push(format!("contacts between links that overlap at rest are switched off: {}", pairs.join(", ")));
 }
 
-/// Switches off the contacts of bodies above the palm that would touch the plane first. On a real robot, these bodies are
-/// beside the table.
+/// Switches off the contacts of bodies above the palm that would touch the plane first. On a real robot, these bodies
+/// are beside the table.
 fn clear_the_way(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
     for name in &found.in_the_way {
         let geoms =

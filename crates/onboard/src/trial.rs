@@ -1,7 +1,7 @@
 //! Scripted grasps, which find the best place of a hand above the object.
 //!
-//! In training, a hand moves only up and down, so its place limits the grasps that it can learn. Nothing is learned here:
-//! the hand comes down, closes, and rises.
+//! In training, a hand moves only up and down, so its place limits the grasps that it can learn. Nothing is learned
+//! here: the hand comes down, closes, and rises.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -13,7 +13,8 @@ use rand_chacha::ChaCha8Rng;
 
 /// Distance in m between two places that are tried, for objects of scale 1.
 const STEP: f64 = 0.02;
-/// First and last place that is tried along the fingers (x) and across them (y), in steps from the hand's present place.
+/// First and last place that is tried along the fingers (x) and across them (y), in steps from the hand's present
+/// place.
 const ALONG: [i32; 2] = [-6, 2];
 const ACROSS: [i32; 2] = [-2, 2];
 /// Number of grasps of each object at each place.
@@ -38,9 +39,9 @@ pub struct Place {
 
 /// Tries grasps along the fingers, then across them at the best place, and returns the best place of all.
 ///
-/// The grasps at neighbouring places count too, because objects do not lie exactly where the hand expects them. `closing`
-/// is 1 for an actuator that closes the hand at the upper end of its range, and -1 for one that closes it at the lower
-/// end. `scale` is the factor on the objects' lengths.
+/// The grasps at neighbouring places count too, because objects do not lie exactly where the hand expects them.
+/// `closing` is 1 for an actuator that closes the hand at the upper end of its range, and -1 for one that closes it at
+/// the lower end. `scale` is the factor on the objects' lengths.
 ///
 /// # Errors
 /// As [`GraspEnv::new`].

@@ -37,7 +37,8 @@ impl Camera {
         [upright * aspect, upright]
     }
 
-    /// Moves the camera without turning it, so that `points` fill `share` of the picture; `aspect` is width over height.
+    /// Moves the camera without turning it, so that `points` fill `share` of the picture; `aspect` is width over
+    /// height.
     ///
     /// Points that are not finite are ignored. Without finite points, the camera stays where it is.
     pub fn framing(self, points: &[[f64; 3]], aspect: f64, share: f64) -> Camera {

@@ -35,8 +35,8 @@ const SHADOW_HEIGHT: f64 = 0.12;
 
 /// Draws the present state of a simulation. Call [`Data::forward`] first: it computes the dependent quantities.
 ///
-/// Geoms are opaque. The light comes from beside the camera; the model's own lights are ignored. Planes have squares and
-/// show shadows. Height fields, textures and skins are not drawn. The same state gives the same bytes.
+/// Geoms are opaque. The light comes from beside the camera; the model's own lights are ignored. Planes have squares
+/// and show shadows. Height fields, textures and skins are not drawn. The same state gives the same bytes.
 pub fn draw(data: &Data, camera: &Camera, width: usize, height: usize) -> Picture {
     let mut canvas = Canvas::new(data, camera, width, height);
     canvas.draw();
@@ -114,8 +114,8 @@ impl<'a> Canvas<'a> {
         }
     }
 
-    /// Returns for each sample the height of the lowest surface above the point of the plane that the sample sees; infinite
-    /// if there is none.
+    /// Returns for each sample the height of the lowest surface above the point of the plane that the sample sees;
+    /// infinite if there is none.
     fn heights_above(&self, plane: GeomId, surfaces: &[Vec<Triangle>]) -> Vec<f64> {
         let (origin, up) = (self.data.geom_position(plane), self.data.geom_orientation(plane).column(2).into_owned());
         let mut heights = vec![f64::INFINITY; self.depth.len()];

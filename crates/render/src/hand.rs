@@ -27,8 +27,8 @@ const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 /// Draws the open hand above the table as at the start of an episode, one tile for each object of the setting. The last
 /// tile shows the hand alone from below, without the table.
 ///
-/// All tiles with an object share one camera, so that the objects' sizes can be compared. The camera frames the palm, the
-/// fingers and the objects; an arm behind the palm may leave the picture.
+/// All tiles with an object share one camera, so that the objects' sizes can be compared. The camera frames the palm,
+/// the fingers and the objects; an arm behind the palm may leave the picture.
 ///
 /// # Errors
 /// Those of [`GraspTask::new`] and [`GraspEnv::reset`].

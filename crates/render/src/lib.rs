@@ -1,7 +1,7 @@
 //! Pictures of a simulation, drawn by the processor: no display, no graphics card and no graphics library is needed.
 //!
-//! [`draw`] makes a [`Picture`] of a simulation as a [`Camera`] sees it, and [`hand_with_objects`] draws a hand above the
-//! table with each object.
+//! [`draw`] makes a [`Picture`] of a simulation as a [`Camera`] sees it, and [`hand_with_objects`] draws a hand above
+//! the table with each object.
 #![forbid(unsafe_code)]
 
 mod camera;

@@ -70,7 +70,8 @@ impl Lens {
         if area == 0.0 || !area.is_finite() {
             return;
         }
-        // Perspective: (number / depth) and (1 / depth) vary linearly over the picture, so the number is their quotient.
+        // Perspective: (number / depth) and (1 / depth) vary linearly over the picture, so the number is their
+        // quotient.
         let inverse = triangle.map(|(place, _)| 1.0 / place.z);
         let over_depth = [0, 1, 2].map(|i| triangle[i].1 * inverse[i]);
         let bounds = |axis: usize, end: usize| {

@@ -42,7 +42,8 @@ fn flat(corners: [Vector3<f64>; 3]) -> Triangle {
     corners.map(|position| SurfacePoint { position, normal })
 }
 
-/// Returns the triangles between consecutive rows of points. Each row is closed; at a pole, all points of a row coincide.
+/// Returns the triangles between consecutive rows of points. Each row is closed; at a pole, all points of a row
+/// coincide.
 fn rows(rows: &[Vec<SurfacePoint>]) -> Vec<Triangle> {
     let mut triangles = Vec::new();
     for pair in rows.windows(2) {

@@ -61,8 +61,8 @@ impl GraspEnv {
 
     /// Starts an episode in scene `index` of [`GraspTask::scenes`].
     ///
-    /// The object is dropped in a random pose, without the hand, and comes to rest on the plane. Then it is moved back to
-    /// the random place above which it was dropped, and the open hand is set to the slide's start.
+    /// The object is dropped in a random pose, without the hand, and comes to rest on the plane. Then it is moved back
+    /// to the random place above which it was dropped, and the open hand is set to the slide's start.
     ///
     /// # Errors
     /// [`SimError::Diverged`] when the simulation diverges during the drop.
@@ -90,7 +90,8 @@ impl GraspEnv {
         }
 
         let mut rest: Vec<f64> = resting.qpos().to_vec();
-        // A quaternion and its negative are the same orientation; an episode starts with the one whose w is not negative.
+        // A quaternion and its negative are the same orientation; an episode starts with the one whose w is not
+        // negative.
         if rest[3] < 0.0 {
             rest[3..7].iter_mut().for_each(|q| *q = -*q);
         }

@@ -30,8 +30,8 @@ const CARRIAGE_MASS: f64 = 0.05;
 const CARRIAGE_INERTIA: f64 = 1e-4;
 const STANDARD_GRAVITY: f64 = 9.81;
 
-/// Top-level sections of a hand's file that describe the hand. Other sections (options, size, keyframes, visual settings,
-/// sensors) are not copied; the scene has its own where it needs them.
+/// Top-level sections of a hand's file that describe the hand. Other sections (options, size, keyframes, visual
+/// settings, sensors) are not copied; the scene has its own where it needs them.
 const HAND_SECTIONS: [&str; 5] = ["equality", "tendon", "actuator", "contact", "asset"];
 const CLASSED_SECTIONS: [&str; 4] = ["equality", "tendon", "actuator", "contact"];
 const CLASSLESS_ELEMENTS: [&str; 1] = ["exclude"];
@@ -48,8 +48,8 @@ pub struct Scene {
 impl Scene {
     /// Composes the scene of `hand` and `object`.
     ///
-    /// `lifted_mass` in kg is the mass that the slide's servo carries, which is the hand's. The servo balances its weight,
-    /// and the limits on the speed of the slide depend on it. It is known once a scene has been compiled.
+    /// `lifted_mass` in kg is the mass that the slide's servo carries, which is the hand's. The servo balances its
+    /// weight, and the limits on the speed of the slide depend on it. It is known once a scene has been compiled.
     ///
     /// # Errors
     /// [`SimError::Hand`] when the hand's file has no body, [`SimError::ReadAsset`] for a file it names.
@@ -328,8 +328,8 @@ fn slide_servo(hand: &Hand, lifted_mass: f64) -> Element {
     )
 }
 
-/// Reads the files that the hand's assets name, and gives each a unique name: two directories may hold files of the same
-/// name.
+/// Reads the files that the hand's assets name, and gives each a unique name: two directories may hold files of the
+/// same name.
 fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, Vec<u8>)>) -> Result<(), SimError> {
     for item in elements_mut(section) {
         let Some(file) = item.attributes.get("file").cloned() else { continue };

@@ -419,7 +419,8 @@ impl ObjectScene {
         Ok(Data::new(&self.model)?)
     }
 
-    /// Allocates a simulation of the object alone on the plane; its `qpos` and `qvel` are the object's pose and velocity.
+    /// Allocates a simulation of the object alone on the plane; its `qpos` and `qvel` are the object's pose and
+    /// velocity.
     ///
     /// # Errors
     /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
@@ -427,10 +428,11 @@ impl ObjectScene {
         Ok(Data::new(&self.resting)?)
     }
 
-    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the object's shape.
+    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the object's
+    /// shape.
     ///
-    /// Its principal axes are those of the turned object. Its principal values are the half sizes of the box that has the
-    /// object's mass and inertia. When an object is turned by one of its symmetries, these numbers stay the same; a
+    /// Its principal axes are those of the turned object. Its principal values are the half sizes of the box that has
+    /// the object's mass and inertia. When an object is turned by one of its symmetries, these numbers stay the same; a
     /// quaternion does not.
     pub fn shape_along_axes(&self, orientation: [f64; 4]) -> [f64; 6] {
         let [w, x, y, z] = orientation;

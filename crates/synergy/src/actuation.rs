@@ -5,7 +5,7 @@ use eigenhand_posture::ActuationMap;
 use crate::SynergyError;
 use crate::pca::check_numbers;
 
-/// Checks every length and number of a map against the number of joints.
+/// Checks every length and every number of a map; `n_joints` is the number of joints.
 ///
 /// # Errors
 /// [`SynergyError::Invalid`], which names the field.
@@ -26,7 +26,7 @@ pub(crate) fn check_actuation(map: &ActuationMap, n_joints: usize) -> Result<(),
         check_numbers(&format!("actuation.matrix[{i}]"), row, n_joints)?;
     }
     for (i, (low, high)) in map.control_min.iter().zip(&map.control_max).enumerate() {
-        // Written so that a NaN fails too.
+        // A NaN fails too.
         let ordered = low <= high;
         if !ordered {
             let expected = format!("at most actuation.control_max[{i}] = {high}");

@@ -1,4 +1,4 @@
-//! A directory that is there whole or not at all.
+//! Replaces a directory as a whole.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -6,16 +6,17 @@ use std::path::{Path, PathBuf};
 
 use crate::SynergyError;
 
-/// Replaces the directory `dir` by one that holds `files`; `may_go` tells by its name whether an entry may be removed.
+/// Replaces the directory `dir` with one that holds `files`; `may_go` tells whether an old entry of that name may be
+/// removed.
 ///
 /// # Errors
-/// A directory at `dir` with any other entry, or a failure of the file system; `dir` is then as it was.
+/// A directory at `dir` with any other entry, or a failure of the file system. After an error, `dir` is unchanged.
 pub(crate) fn replace_directory(
     dir: &Path,
     files: &[(&str, Vec<u8>)],
     may_go: fn(&str) -> bool,
 ) -> Result<(), SynergyError> {
-    // A symbolic link stays one: what it points at is replaced.
+    // A symbolic link stays; the directory that it points to is replaced.
     let target = fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned());
     let exists = fs::symlink_metadata(&target).is_ok();
     if exists {
@@ -37,7 +38,7 @@ pub(crate) fn replace_directory(
         fs::rename(&target, &aside).map_err(SynergyError::io("move aside", &target))?;
         if let Err(error) = fs::rename(&fresh.path, &target) {
             if let Err(error) = fs::rename(&aside, &target) {
-                // Better a stray copy of the earlier export than none.
+                // Keeps the copy of the earlier export: it is the only one left.
                 std::mem::forget(old);
                 return Err(SynergyError::io("restore", aside)(error));
             }
@@ -72,7 +73,7 @@ fn sync_directory(dir: &Path) -> Result<(), SynergyError> {
     File::open(dir).and_then(|dir| dir.sync_all()).map_err(SynergyError::io("sync", dir))
 }
 
-/// A directory beside the target, removed with its content when dropped.
+/// A directory beside the target. It is removed with its content when dropped.
 struct Scratch {
     path: PathBuf,
 }
@@ -97,7 +98,8 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // After a rename there is nothing left; a leftover is harmless, and the error that led here matters more.
+        // After a rename, nothing is left to remove. A leftover is harmless, and its error must not hide an earlier
+        // one.
         let _ = fs::remove_dir_all(&self.path);
     }
 }

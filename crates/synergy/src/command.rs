@@ -2,13 +2,13 @@
 
 use crate::{ActuationMap, Synergy};
 
-/// A direction whose part outside the directions before it is smaller than this adds nothing to a space.
+/// A direction is left out if its part outside the earlier directions is shorter than this.
 const DEPENDENT: f64 = 1e-6;
 
 /// The affine space of the commands `matrix (mean + z components) + offset`, for all `z` and without clamps.
 ///
-/// A distance from it is measured in the unit of the postures, rad and m alike: a command is divided by the length of
-/// its actuator's row of the matrix. An actuator whose row is zero holds no posture, and adds no distance.
+/// A distance from this space has the unit of the postures (rad and m count alike): each command is divided by the norm
+/// of its actuator's row of the matrix. An actuator with a row of zeros holds no posture and adds no distance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CommandSpace {
     centre: Vec<f64>,
@@ -19,7 +19,7 @@ impl CommandSpace {
     /// Returns the space of the commands that a synergy gives through an actuation map.
     ///
     /// # Panics
-    /// When the map is one of another number of joints.
+    /// When the map has another number of joints than the synergy.
     pub fn new(synergy: &Synergy, actuation: &ActuationMap) -> Self {
         let nu = actuation.matrix.len();
         let product = |row: &[f64], q: &[f64]| -> f64 {
@@ -72,7 +72,7 @@ impl CommandSpace {
     /// Returns the distance of a command from the space, in rad or m.
     ///
     /// # Panics
-    /// When `ctrl` has not one number for each actuator.
+    /// When `ctrl` does not have one number for each actuator.
     pub fn distance(&self, ctrl: &[f64]) -> f64 {
         assert_eq!(ctrl.len(), self.centre.len(), "one number for each actuator is needed");
         let deviation: Vec<f64> = ctrl.iter().zip(&self.centre).map(|(u, c)| u - c).collect();
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
     use crate::{JointInfo, Unit};
 
-    /// Four joints, of which the first two are coupled and share an actuator, and an actuator that holds none.
+    /// A hand with four joints: the first two are coupled and share an actuator. The last actuator holds no joint.
     fn space(n_components: usize) -> (Synergy, ActuationMap, CommandSpace) {
         let joints = ["a", "b", "c", "d"].map(|name| JointInfo {
             name: name.to_owned(),

@@ -1,4 +1,4 @@
-//! How two synergy spaces over the same joints relate.
+//! Compares two synergy spaces over the same joints.
 
 use faer::{Mat, MatRef, Par};
 
@@ -6,10 +6,10 @@ use crate::joint::check_same_joints;
 use crate::pca::mean_and_covariance;
 use crate::{Synergy, SynergyError};
 
-/// Returns the principal angles between two spaces, rising; as many as the smaller space has components.
+/// Returns the principal angles between two spaces in rising order, one for each component of the smaller space.
 ///
-/// An angle of 0 is a direction that both spaces have, one of pi/2 a direction of the smaller space that the other
-/// lacks. Small angles are taken from their sines, so that they are exact near 0 too.
+/// An angle of 0 means that both spaces share a direction. An angle of pi/2 means that the larger space lacks a
+/// direction of the smaller one. Small angles are computed from their sines, so that they are accurate near 0 too.
 ///
 /// # Units
 /// Radians.
@@ -29,7 +29,7 @@ pub fn principal_angles(a: &Synergy, b: &Synergy) -> Result<Vec<f64>, SynergyErr
     faer::linalg::matmul::matmul(&mut outside, faer::Accum::Add, &overlap, large, -1.0, Par::Seq);
     let cosines = singular_values(&overlap)?;
     let sines = singular_values(&outside)?;
-    // Both fall, and the largest cosine belongs to the smallest sine.
+    // Both lists are in falling order, and the largest cosine belongs to the smallest sine.
     Ok(cosines.iter().zip(sines.iter().rev()).map(|(cosine, sine)| sine.atan2(*cosine)).collect())
 }
 
@@ -125,7 +125,7 @@ mod tests {
         assert!((shares[0] - 9.0 / 14.0).abs() < 1e-14 && (shares[1] - 13.0 / 14.0).abs() < 1e-14);
         assert!((shares[1] - space.contribution_sum()).abs() < 1e-14);
 
-        // Postures that vary where the space has nothing; their mean is of no account.
+        // Postures that vary where the space has nothing; their mean does not matter.
         let outside: Vec<Vec<f64>> = [0.0, 1.0, 2.0].map(|x| vec![5.0, 5.0, x]).to_vec();
         assert!(cumulative_explained_variance(&space, &outside).unwrap()[1].abs() < 1e-14);
         let still = [vec![1.0, 1.0, 1.0], vec![1.0, 1.0, 1.0]];

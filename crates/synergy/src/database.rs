@@ -1,9 +1,9 @@
 //! The posture database: one row of an SQLite table for each successful training episode.
 //!
-//! The file is meant to be opened by people too. Table `posture` has the columns `id, episode, object, lambda, seed,
-//! step, goal_x, goal_y, goal_z` and then one for each joint, under the joint's own name (a name that is taken, as
-//! SQLite compares columns without regard to case, gets `#2`, `#3` ... appended). Table `joint` lists the joints in
-//! order with their column, unit and limits.
+//! People may open the file with other programs too. Table `posture` has the columns `id, episode, object, lambda,
+//! seed, step, goal_x, goal_y, goal_z` and then one column for each joint, with the joint's name. SQLite ignores the
+//! case of column names; if a name is already taken, the column's name gets the suffix `#2`, `#3` and so on. Table
+//! `joint` lists the joints in order with their column, unit and limits.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -26,7 +26,7 @@ const APPLICATION_ID: i32 = 0x4547_4e48;
 /// The version of the tables (`PRAGMA user_version`).
 const SCHEMA_VERSION: i32 = 1;
 
-/// How long a statement waits for another process that holds the file.
+/// How long a statement waits for another process that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The database of successful postures.
@@ -39,11 +39,11 @@ pub struct PostureDatabase {
 }
 
 impl PostureDatabase {
-    /// Creates the database at `path`, or opens the one that is there.
+    /// Creates the database at `path`, or opens an existing one.
     ///
     /// # Errors
     /// A bad joint list; a file of another kind or version, or a damaged one; a database whose joints have other names
-    /// or units (the limits stay as they were when it was created).
+    /// or units. Limits may differ; the database keeps those of its creation.
     pub fn open(path: impl AsRef<Path>, joints: &[JointInfo]) -> Result<Self, SynergyError> {
         let path = path.as_ref();
         let inner = || {
@@ -98,7 +98,7 @@ impl PostureDatabase {
         &self.path
     }
 
-    /// Appends `records`, all or none.
+    /// Appends either all of `records` or none.
     ///
     /// # Errors
     /// A record with a posture of the wrong length, or with a number that is not finite; a failure of SQLite.
@@ -132,7 +132,7 @@ impl PostureDatabase {
         Ok(count as usize)
     }
 
-    /// Tells whether there is no posture.
+    /// Tells whether the database holds no posture.
     ///
     /// # Errors
     /// A failure of SQLite.
@@ -159,8 +159,8 @@ impl PostureDatabase {
         self.select(&names, |row| (0..self.joints.len()).map(|i| row.get(i)).collect())
     }
 
-    /// Deletes the records whose episode is `episode` or later, and returns how many there were: a run that resumes
-    /// from a checkpoint plays these episodes again.
+    /// Deletes the records of episode `episode` and of later ones, and returns their number. A run that resumes from a
+    /// checkpoint plays these episodes again.
     ///
     /// # Errors
     /// A failure of SQLite.
@@ -171,7 +171,7 @@ impl PostureDatabase {
         self.run(|connection| Ok(connection.execute("DELETE FROM posture WHERE episode >= ?", [episode])?))
     }
 
-    /// The joints' columns; the table's name keeps SQLite from ever reading one as a string.
+    /// Lists the quoted names of the joints' columns.
     fn quoted_joints(&self) -> impl Iterator<Item = String> {
         self.columns.iter().map(|column| quoted(column))
     }
@@ -181,6 +181,7 @@ impl PostureDatabase {
         names: &[String],
         read: impl Fn(&Row<'_>) -> rusqlite::Result<T>,
     ) -> Result<Vec<T>, SynergyError> {
+        // Without the table's name, SQLite reads a quoted name that is no column as a string.
         let names: Vec<String> = names.iter().map(|name| format!("posture.{name}")).collect();
         let sql = format!("SELECT {} FROM posture ORDER BY id", names.join(", "));
         self.run(|connection| {
@@ -201,7 +202,7 @@ fn connect(flags: OpenFlags, path: &Path) -> Result<Connection, SynergyError> {
     Ok(connection)
 }
 
-/// Tells whether the file holds nothing yet.
+/// Tells whether the file has no table and no mark yet.
 fn is_blank(connection: &Connection) -> Result<bool, SynergyError> {
     Ok(connection.query_row("SELECT count(*) = 0 FROM sqlite_schema", [], |row| row.get(0))?
         && pragma(connection, "application_id")? == 0)
@@ -272,7 +273,7 @@ fn read_joints(connection: &Connection) -> Result<(Vec<JointInfo>, Vec<String>),
     Ok((joints, columns))
 }
 
-/// Gives SQLite's two errors that speak of the file, rather than of a statement, their own kinds.
+/// Turns SQLite's errors about a file that is no database, or is damaged, into variants of their own.
 fn recognise(error: SynergyError) -> SynergyError {
     let SynergyError::Sqlite(rusqlite::Error::SqliteFailure(code, _)) = &error else {
         return error;

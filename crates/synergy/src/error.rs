@@ -1,29 +1,29 @@
-//! The crate's one error type.
+//! The errors of this crate.
 
 use std::path::PathBuf;
 
-/// What can go wrong in this crate.
+/// Errors of synergies, postures and their files.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum SynergyError {
     /// A joint list that cannot name the columns of a posture.
     #[error("bad joint list: {message}")]
     Joints {
-        /// What is wrong with it.
+        /// The fault.
         message: String,
     },
-    /// Two joint lists that should name the same coordinates do not.
-    #[error("the joints differ: expected {expected}; got {got}. Use the hand that the postures were made with")]
+    /// Two joint lists that should name the same coordinates, but differ.
+    #[error("the joints differ: expected {expected}; got {got}. Use the same hand for both")]
     JointMismatch {
-        /// The joints that were asked for.
+        /// The joints that the caller gave.
         expected: String,
-        /// The joints that were found.
+        /// The joints to which they were compared.
         got: String,
     },
     /// A posture of the wrong length.
     #[error("posture {row} has {got} numbers; expected {expected}, one for each joint")]
     PostureLength {
-        /// The posture's index in what was given.
+        /// The posture's index in the list.
         row: usize,
         /// The number of joints.
         expected: usize,
@@ -33,7 +33,7 @@ pub enum SynergyError {
     /// A posture with a number that is not finite.
     #[error("posture {row} holds {got} in column {column}; every number must be finite")]
     NonFinitePosture {
-        /// The posture's index in what was given.
+        /// The posture's index in the list.
         row: usize,
         /// The joint's index.
         column: usize,
@@ -54,28 +54,28 @@ pub enum SynergyError {
     /// The eigenvalue or singular value iteration failed.
     #[error("the decomposition of the {what} did not converge; look for enormous numbers among the postures")]
     Decomposition {
-        /// What was decomposed.
+        /// The matrix.
         what: &'static str,
     },
-    /// Postures that do not vary, where a share of their variance was asked for.
-    #[error("the postures do not vary, so no share of their variance can be given; pass postures that differ")]
+    /// Postures that do not vary, so that their explained variance is not defined.
+    #[error("the postures do not vary, so their explained variance is not defined; pass postures that differ")]
     NoVariance,
-    /// A number, a length or a relation in a synergy that is not as it must be.
+    /// A wrong number, length or relation in a synergy.
     #[error("bad synergy: {name}: expected {expected}, got {got}")]
     Invalid {
         /// The field.
         name: String,
-        /// What it must be.
+        /// The expected value.
         expected: String,
-        /// What it is.
+        /// The value found.
         got: String,
     },
-    /// An error in a file: the source says which.
+    /// An error in a file; the source describes it.
     #[error("{path}: {source}", path = path.display())]
     InFile {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error.
         #[source]
         source: Box<SynergyError>,
     },
@@ -99,7 +99,7 @@ pub enum SynergyError {
     /// A file of another version.
     #[error("{what} has schema {got}; this program reads schema {expected}. Read it with the version that wrote it")]
     Schema {
-        /// What kind of file.
+        /// The kind of file.
         what: &'static str,
         /// The version this program reads.
         expected: i64,
@@ -107,9 +107,9 @@ pub enum SynergyError {
         got: i64,
     },
     /// A file that is no posture database.
-    #[error("not a posture database ({reason}); give the path of a postures.sqlite, or one that does not exist yet")]
+    #[error("not a posture database ({reason}); give the path of a postures.sqlite, or a path that does not exist yet")]
     NotADatabase {
-        /// How it differs.
+        /// The difference.
         reason: String,
     },
     /// A posture database whose pages are damaged.
@@ -117,16 +117,16 @@ pub enum SynergyError {
         "the posture database is damaged ({reason}); restore it from a copy, or save what `sqlite3 FILE .recover` finds"
     )]
     Damaged {
-        /// What the integrity check said.
+        /// The result of the integrity check.
         reason: String,
     },
-    /// SQLite refused.
+    /// An error of SQLite.
     #[cfg(feature = "database")]
     #[error("SQLite: {0}")]
     Sqlite(#[from] rusqlite::Error),
-    /// An export would replace a directory that holds something else.
+    /// An export would replace a directory that holds other files.
     #[error(
-        "{path} exists and holds {found:?}, which no export writes; choose another directory, or remove this one",
+        "{path} exists and holds {found:?}, which is not part of an export; choose another directory, or remove this one",
         path = path.display()
     )]
     NotAnExport {

@@ -1,4 +1,4 @@
-//! The directory a controller takes home: `synergy.toml` and the same arrays as NPY.
+//! The exported directory: `synergy.toml`, and the same arrays as NPY files.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ const POSTURES: &str = "postures.npy";
 /// A reader of an array of a synergy: (synergy) => (shape, values in C order).
 type Array = fn(&Synergy) -> (Vec<usize>, &[f64]);
 
-/// The arrays that are in `synergy.toml` too.
+/// The arrays that `synergy.toml` holds too.
 const ARRAYS: [(&str, Array); 4] = [
     ("components.npy", |s| (vec![s.n_components(), s.n_joints()], s.components())),
     ("mean.npy", |s| (vec![s.n_joints()], s.mean())),
@@ -19,7 +19,7 @@ const ARRAYS: [(&str, Array); 4] = [
     ("contribution.npy", |s| (vec![s.n_components()], s.contribution())),
 ];
 
-/// What [`import`] reads.
+/// An exported directory, as [`import`] reads it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Import {
     /// The content of `synergy.toml`.
@@ -31,12 +31,12 @@ pub struct Import {
 /// Writes the directory `dir`: `synergy.toml`, `components.npy` (k x n), `mean.npy` (n), `explained_variance.npy` (k),
 /// `contribution.npy` (k) and `postures.npy` (N x n), float64 in C order.
 ///
-/// The files are written under a temporary name beside `dir`, which is then renamed: an interrupted export leaves no
-/// half-written one. An earlier export at `dir` is replaced.
+/// The files are written to a temporary directory beside `dir`, which is then renamed, so an interrupted export leaves
+/// no incomplete directory. An earlier export at `dir` is replaced.
 ///
 /// # Errors
-/// Postures that are not as many or as long as the space says, all that [`SynergyFile::to_toml`] refuses, a directory
-/// at `dir` that holds anything but an export, or a failure to write.
+/// A number or a length of postures that does not fit the space, an error of [`SynergyFile::to_toml`], a directory at
+/// `dir` that holds other files than an export, or a failure to write.
 pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, postures: &[P]) -> Result<(), SynergyError> {
     let dir = dir.as_ref();
     let synergy = &file.synergy;
@@ -61,8 +61,8 @@ pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, postur
 /// Reads a directory that [`export`] wrote.
 ///
 /// # Errors
-/// A file that is missing or malformed, an array that is not the one in `synergy.toml`, or all that
-/// [`SynergyFile::read`] refuses.
+/// A file that is missing or malformed, an array that differs from the one in `synergy.toml`, or an error of
+/// [`SynergyFile::read`].
 pub fn import(dir: impl AsRef<Path>) -> Result<Import, SynergyError> {
     let dir = dir.as_ref();
     let file = SynergyFile::read(dir.join(TOML))?;
@@ -73,7 +73,7 @@ pub fn import(dir: impl AsRef<Path>) -> Result<Import, SynergyError> {
         let (expected_shape, expected) = array(synergy);
         check_shape(name, &shape, &expected_shape).map_err(|error| error.in_file(&path))?;
         if let Some(i) = (0..expected.len()).find(|&i| values[i].to_bits() != expected[i].to_bits()) {
-            let wanted = format!("{}, as {TOML} has it", expected[i]);
+            let wanted = format!("{}, as in {TOML}", expected[i]);
             return Err(SynergyError::invalid(format!("{name}, number {i}"), wanted, values[i]).in_file(path));
         }
     }
@@ -108,11 +108,11 @@ fn check_count(n_postures: usize, synergy: &Synergy) -> Result<(), SynergyError>
     if n_postures == synergy.n_postures() {
         return Ok(());
     }
-    let expected = format!("{}, as many as the space was fitted to", synergy.n_postures());
+    let expected = format!("{}, the number to which the space was fitted", synergy.n_postures());
     Err(SynergyError::invalid("number of postures", expected, n_postures))
 }
 
-/// Tells whether an export writes a file of this name.
+/// Tells whether an export writes a file with this name.
 fn is_export_file(name: &str) -> bool {
     name == TOML || name == POSTURES || ARRAYS.iter().any(|(array, _)| *array == name)
 }

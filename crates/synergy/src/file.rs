@@ -1,4 +1,4 @@
-//! `synergy.toml`: all of a synergy in one readable file.
+//! `synergy.toml`: a whole synergy in one readable file.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -13,7 +13,7 @@ use crate::{ActuationMap, JointInfo, Synergy, SynergyError};
 /// The version of `synergy.toml`.
 pub const SCHEMA: i64 = 1;
 
-/// How far a derived number in the file may be from the one recomputed from the others.
+/// Largest relative difference between a derived number in the file and its value recomputed from the other numbers.
 const DERIVED_TOLERANCE: f64 = 1e-9;
 
 /// The content of `synergy.toml`.
@@ -25,7 +25,7 @@ pub struct SynergyFile {
     pub synergy: Synergy,
     /// The map from a posture to actuator commands, where one is known.
     pub actuation: Option<ActuationMap>,
-    /// Where the numbers come from: any keys and texts.
+    /// The origin of the numbers: any keys with texts.
     pub provenance: BTreeMap<String, String>,
 }
 
@@ -104,13 +104,13 @@ impl SynergyFile {
 }
 
 const HEADER: &str = "\
-# A postural synergy: few coefficients z for the whole posture q of a hand.
+# A postural synergy: a few coefficients z describe the whole posture q of a hand.
 #   decode   q = mean + z components, clamped to the joints' limits
 #   encode   z = (q - mean) components^T
 #   command  ctrl = matrix q + offset, clamped to the control ranges (section [actuation])
 # `components` has orthonormal rows; in each, the first entry of the largest absolute value is positive.
 # `explained_variance` is the sample variance along each row, `contribution` its share of `total_variance`.
-# It is of the `n_postures` postures in postures.npy.
+# All of them describe the `n_postures` postures in postures.npy.
 
 ";
 
@@ -145,7 +145,7 @@ fn put(text: &mut String, key: &str, value: &(impl Serialize + ?Sized)) -> Resul
     Ok(())
 }
 
-/// Writes an array with one element a line: a matrix by rows.
+/// Writes an array with one element on each line; a matrix row by row.
 fn put_rows<T: Serialize>(text: &mut String, key: &str, rows: impl IntoIterator<Item = T>) -> Result<(), SynergyError> {
     let _ = writeln!(text, "{key} = [");
     for row in rows {

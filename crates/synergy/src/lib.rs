@@ -1,5 +1,5 @@
 //! Postural synergies: the principal component analysis of postures, the commands that its components can give, the
-//! comparison of two such spaces, and the files that a controller takes home.
+//! comparison of two such spaces, and the exported files for a controller.
 //!
 //! A posture is a row of numbers, one for each named joint. The crate knows nothing of learning, simulation or any
 //! particular hand. The feature `database` (on by default) adds [`PostureDatabase`], which keeps postures in SQLite.

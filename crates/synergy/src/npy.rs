@@ -1,4 +1,4 @@
-//! Arrays as NPY.
+//! Reads and writes arrays as NPY files.
 
 use std::io;
 
@@ -19,10 +19,10 @@ pub(crate) fn from_bytes(bytes: &[u8]) -> io::Result<(Vec<usize>, Vec<f64>)> {
     let invalid = |message: String| io::Error::new(io::ErrorKind::InvalidData, message);
     let file = NpyFile::new(bytes)?;
     let shape: Vec<usize> = file.shape().iter().map(|&n| n as usize).collect();
-    // A header can claim any size; nothing is reserved for more numbers than the file has room for.
+    // A header can claim any size; no memory is reserved for more numbers than the file can hold.
     let needed = shape.iter().try_fold(size_of::<f64>(), |product, &n| product.checked_mul(n));
     if needed.is_none_or(|needed| needed > bytes.len()) {
-        return Err(invalid(format!("the shape {shape:?} needs more data than the {} bytes there are", bytes.len())));
+        return Err(invalid(format!("the shape {shape:?} needs more data than the {} bytes of the file", bytes.len())));
     }
     if shape.len() > 1 && file.order() != Order::C {
         return Err(invalid("the array is in Fortran order; expected C order".to_owned()));

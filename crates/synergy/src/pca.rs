@@ -13,8 +13,8 @@ pub(crate) use parts::{SynergyParts, check_numbers};
 
 /// A synergy space: the mean posture and the `k` orthonormal directions in which the postures vary most.
 ///
-/// **Sign rule.** An eigenvector is determined up to its sign. Here the first entry whose absolute value is the
-/// row's largest (ties up to a relative 1e-9 go to the lower index) is positive.
+/// **Sign rule.** An eigenvector is determined up to its sign. Here, the entry with the row's largest absolute value is
+/// positive. Entries that are equal up to a relative 1e-9 are tied, and the first of them counts.
 ///
 /// # Source
 /// Section 2.2 (the space and the error `e`), section 3.1 (five components) and section 3.2 (contribution rates) of
@@ -48,7 +48,7 @@ pub(crate) fn mean_and_covariance<P: AsRef<[f64]>>(
     Ok(eigen::mean_and_covariance(postures, n_joints))
 }
 
-/// Returns the last `window` of `postures`, or all where it is 0.
+/// Returns the last `window` of `postures`, or all if `window` is 0.
 pub fn newest<P>(postures: &[P], window: usize) -> &[P] {
     let covered = if window == 0 { postures.len() } else { window };
     &postures[postures.len().saturating_sub(covered)..]
@@ -57,8 +57,8 @@ pub fn newest<P>(postures: &[P], window: usize) -> &[P] {
 impl Synergy {
     /// Fits the space of `k` components to `postures`.
     ///
-    /// `k` is clamped to the number of joints. Fewer independent postures than `k` are no error: the components
-    /// beyond their rank have an explained variance of zero up to rounding, and are an arbitrary orthonormal completion.
+    /// `k` is clamped to the number of joints. Fewer independent postures than `k` are no error: the components beyond
+    /// their rank are arbitrary orthonormal directions, and their explained variance is zero up to rounding.
     ///
     /// # Errors
     /// A bad joint list, fewer than two postures, a posture of the wrong length or with a number that is not finite,
@@ -92,7 +92,8 @@ impl Synergy {
         Ok(synergy)
     }
 
-    /// Fits the space of `k` components to the [`newest`] `window` of `postures`; none while there are no more than `k`.
+    /// Fits the space of `k` components to the [`newest`] `window` of `postures`; none if there are `k` postures or
+    /// fewer.
     ///
     /// # Errors
     /// As [`Synergy::fit`].
@@ -109,7 +110,7 @@ impl Synergy {
         Self::fit(joints, covered, k).map(Some)
     }
 
-    /// Builds a space from numbers that were stored, after checking every length and relation between them.
+    /// Builds a space from stored numbers, after a check of every length and relation.
     pub(crate) fn from_parts(parts: SynergyParts) -> Result<Self, SynergyError> {
         parts.check()?;
         let SynergyParts { joints, mean, components, eigenvalues, coefficient_min, coefficient_max, n_postures } =
@@ -155,7 +156,7 @@ impl Synergy {
         &self.mean
     }
 
-    /// Returns the components, orthonormal rows, by falling explained variance.
+    /// Returns the components, which are orthonormal rows in the order of falling explained variance.
     ///
     /// # Shapes
     /// k x n, row-major.
@@ -176,7 +177,7 @@ impl Synergy {
         &self.eigenvalues[..self.n_components()]
     }
 
-    /// Returns all `n` eigenvalues of the covariance, falling.
+    /// Returns all `n` eigenvalues of the covariance, in falling order.
     pub fn eigenvalues(&self) -> &[f64] {
         &self.eigenvalues
     }
@@ -213,7 +214,7 @@ impl Synergy {
     /// Projects a posture: `z = (q - mean) C^T`.
     ///
     /// # Panics
-    /// When `posture` has not one number for each joint.
+    /// When `posture` does not have one number for each joint.
     pub fn encode(&self, posture: &[f64]) -> Vec<f64> {
         self.assert_length(posture.len());
         self.components
@@ -225,7 +226,7 @@ impl Synergy {
     /// Returns the posture of a set of coefficients, clamped to the joints' limits: `q = clamp(mean + z C)`.
     ///
     /// # Panics
-    /// When `coefficients` has not one number for each component.
+    /// When `coefficients` does not have one number for each component.
     pub fn decode(&self, coefficients: &[f64]) -> Vec<f64> {
         let mut posture = self.decode_unclamped(coefficients);
         for (q, joint) in posture.iter_mut().zip(&self.joints) {
@@ -234,10 +235,10 @@ impl Synergy {
         posture
     }
 
-    /// Returns the posture of a set of coefficients, wherever it lies: `q = mean + z C`.
+    /// Returns the posture of a set of coefficients without clamping it: `q = mean + z C`.
     ///
     /// # Panics
-    /// When `coefficients` has not one number for each component.
+    /// When `coefficients` does not have one number for each component.
     pub fn decode_unclamped(&self, coefficients: &[f64]) -> Vec<f64> {
         assert_eq!(coefficients.len(), self.n_components(), "one coefficient for each component is needed");
         let mut posture = self.mean.clone();
@@ -249,10 +250,10 @@ impl Synergy {
         posture
     }
 
-    /// Returns what the space does not express of a posture: `q - (mean + encode(q) C)`.
+    /// Returns the part of a posture that the space cannot express: `q - (mean + encode(q) C)`.
     ///
     /// # Panics
-    /// When `posture` has not one number for each joint.
+    /// When `posture` does not have one number for each joint.
     pub fn residual(&self, posture: &[f64]) -> Vec<f64> {
         let projected = self.decode_unclamped(&self.encode(posture));
         posture.iter().zip(projected).map(|(q, p)| q - p).collect()
@@ -264,7 +265,7 @@ impl Synergy {
     /// Those of the joints: radians, and metres where a joint slides.
     ///
     /// # Panics
-    /// When `posture` has not one number for each joint.
+    /// When `posture` does not have one number for each joint.
     ///
     /// # Source
     /// Section 2.2.
@@ -272,19 +273,20 @@ impl Synergy {
         self.residual(posture).iter().map(|r| r * r).sum::<f64>().sqrt()
     }
 
-    /// Returns the same error of a single-precision posture, without an allocation, for code that calls it millions of times.
+    /// Returns the same error for a single-precision posture. It allocates nothing, for code that calls it millions of
+    /// times.
     ///
     /// # Panics
-    /// When `posture` has not one number for each joint.
+    /// When `posture` does not have one number for each joint.
     pub fn error_f32(&self, posture: &[f32]) -> f32 {
         self.assert_length(posture.len());
         self.projector.error(posture)
     }
 
-    /// Returns the mean of [`Synergy::error`] over `postures`; 0 when there is none.
+    /// Returns the mean of [`Synergy::error`] over `postures`; 0 if the list is empty.
     ///
     /// # Panics
-    /// When a posture has not one number for each joint.
+    /// When a posture does not have one number for each joint.
     pub fn mean_error<P: AsRef<[f64]>>(&self, postures: &[P]) -> f64 {
         let sum: f64 = postures.iter().map(|posture| self.error(posture.as_ref())).sum();
         sum / postures.len().max(1) as f64

@@ -1,12 +1,12 @@
 //! The approximation error, arranged for millions of calls.
 
-/// Components that one pass over the joints accumulates side by side.
+/// Number of components that one pass over the joints accumulates in parallel.
 const LANES: usize = 8;
 
 /// A synergy space laid out so that the inner loop runs across components, without reductions or allocation.
 ///
-/// `e^2 = |d|^2 - |C d|^2` with `d = q - mean` and orthonormal rows of `C`. The difference cancels when `e` is small;
-/// in `f64` what remains of that is about `1e-8 |d|`, below the resolution of the `f32` postures that come in.
+/// `e^2 = |d|^2 - |C d|^2` with `d = q - mean` and orthonormal rows of `C`. The difference loses digits when `e` is
+/// small; in `f64`, the error of `e` is then about `1e-8 |d|`, below the resolution of the `f32` postures.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Projector {
     mean: Vec<f64>,

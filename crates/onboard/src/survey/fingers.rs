@@ -121,8 +121,8 @@ pub(super) fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, Onb
     Ok(found)
 }
 
-/// Measures the finger that consists of `bodies`. Its tip is the point of its last moving part that is farthest from the
-/// joints before that part.
+/// Measures the finger that consists of `bodies`. Its tip is the point of its last moving part that is farthest from
+/// the joints before that part.
 pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bodies: Vec<BodyId>) -> Option<Chain> {
     let depth = |body: BodyId| ancestors(model, body).filter(|b| moves[b.index()]).count();
     let joint_of = |body: BodyId| model.joints().find(|&j| model.joint_body(j) == body);
@@ -142,7 +142,8 @@ pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bo
             let slides = joint_of(part).filter(|&joint| model.joint_slides(joint)).map(|joint| data.joint_axis(joint));
             let away = slides.map_or(away, |axis| away - axis * away.dot(&axis));
             let outward = if away.norm() > 1e-6 { away } else { from - base };
-            // The tip lies on the line through the geom's middle, because the farthest point of a box would be a corner.
+            // The tip lies on the line through the geom's middle, because the farthest point of a box would be a
+            // corner.
             let (middle, outward) = (data.geom_position(g), outward.try_normalize(1e-9).unwrap_or_else(Vector3::z));
             let length = (data.farthest_point(g, &outward) - middle).dot(&outward);
             (model.geom_body(g), middle + outward * length)

@@ -18,8 +18,8 @@ mod placing;
 const POSTURES: usize = 40;
 /// Time in s that the hand has to reach a posture.
 const SETTLE_TIME: f64 = 1.0;
-/// An actuator closes a finger if its effect on the fingertip's distance from the grasp is above this share of the largest
-/// effect on that finger.
+/// An actuator closes a finger if its effect on the fingertip's distance from the grasp is above this share of the
+/// largest effect on that finger.
 const NEUTRAL: f64 = 0.16;
 /// Shortest and longest finger in m, and the least distance in m by which some fingertip must move.
 const REACHES: [f64; 2] = [0.005, 0.6];
@@ -40,8 +40,8 @@ struct Straight {
     length: f64,
     /// Index of the posture in which it is straight.
     pose: usize,
-    /// Whether it points in the direction of approach at zero commands. Such a finger may curl to either side; it closes
-    /// when it curls towards the grasp.
+    /// Whether it points in the direction of approach at zero commands. Such a finger may curl to either side; it
+    /// closes when it curls towards the grasp.
     hangs: bool,
 }
 
@@ -151,7 +151,8 @@ impl<'a> Lab<'a> {
         (pose.tips[finger] - self.base(&self.chains[finger])).norm()
     }
 
-    /// Sets the direction of approach: the hint, or else the mean direction from base to tip over all fingers and postures.
+    /// Sets the direction of approach: the hint, or else the mean direction from base to tip over all fingers and
+    /// postures.
     pub(super) fn approach(&mut self, poses: &[Pose], hint: Option<[f64; 3]>) -> Result<(), OnboardError> {
         let outward: Vector3<f64> = (0..self.chains.len())
             .map(|f| {
@@ -169,7 +170,8 @@ impl<'a> Lab<'a> {
         Ok(())
     }
 
-    /// Leaves out links that only guide a neighbouring finger: they follow other joints and are much shorter than a finger.
+    /// Leaves out links that only guide a neighbouring finger: they follow other joints and are much shorter than a
+    /// finger.
     pub(super) fn leave_out_guides(&mut self, poses: &mut [Pose]) {
         const SHORT: f64 = 0.75;
         let forward: Vec<f64> = (0..self.chains.len())
@@ -243,7 +245,8 @@ impl<'a> Lab<'a> {
         const NUDGE: f64 = 0.25;
         // An actuator spreads a hanging finger, and does not close it, if it moves the tip mostly sideways.
         const TOWARDS: f64 = 0.2;
-        // The strongest effect of each actuator on a finger, as a share of the largest effect of any actuator on that finger.
+        // The strongest effect of each actuator on a finger, as a share of the largest effect of any actuator on that
+        // finger.
         let mut strongest = vec![0.0_f64; self.ranges.len()];
         let starts: Vec<(usize, bool)> = self.straight.iter().map(|straight| (straight.pose, straight.hangs)).collect();
         for (finger, (start, hangs)) in starts.into_iter().enumerate() {
@@ -283,8 +286,8 @@ impl<'a> Lab<'a> {
 
     /// Returns the direction that spans, together with the approach, the plane in which a finger bends.
     ///
-    /// It runs along the straight finger, or towards the grasp if the finger points in the direction of approach. Motion
-    /// out of this plane spreads the fingers.
+    /// It runs along the straight finger, or towards the grasp if the finger points in the direction of approach.
+    /// Motion out of this plane spreads the fingers.
     fn plane(&self, finger: usize, tip: &Vector3<f64>) -> Vector3<f64> {
         const LEAST: f64 = 0.35;
         let base = self.base(&self.chains[finger]);

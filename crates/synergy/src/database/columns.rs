@@ -1,4 +1,4 @@
-//! The column that holds each joint.
+//! The name of the column of each joint.
 
 use std::collections::HashSet;
 
@@ -8,10 +8,10 @@ use crate::JointInfo;
 pub(super) const RECORD_COLUMNS: [&str; 8] =
     ["episode", "object", "lambda", "seed", "step", "goal_x", "goal_y", "goal_z"];
 
-/// The key of the table, which no joint may take either.
+/// The table's key. No joint may take its name.
 const KEY_COLUMN: &str = "id";
 
-/// Returns a column name for each joint: its own, unless that is taken or holds a NUL.
+/// Returns a column name for each joint: the joint's own name, unless it is taken or holds a NUL.
 pub(super) fn column_names(joints: &[JointInfo]) -> Vec<String> {
     // SQLite folds the case of ASCII letters only.
     let mut taken: HashSet<String> =

@@ -15,11 +15,11 @@ pub struct PostureRecord {
     pub object: String,
     /// The number of the training episode.
     pub episode: u64,
-    /// The coefficient of the approximation error at the time.
+    /// The coefficient `lambda` of the approximation error during the episode.
     pub lambda: f64,
-    /// The run's seed. SQLite shows one above 2^63 - 1 as its two's complement.
+    /// The run's seed. SQLite shows a seed above 2^63 - 1 as a negative number (its two's complement).
     pub seed: u64,
-    /// The goal of the object's centre, in metres.
+    /// The desired position of the object's centre, in metres.
     pub goal: [f64; 3],
     /// The control step of the episode at which the posture was taken.
     pub step: u32,

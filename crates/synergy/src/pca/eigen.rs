@@ -5,7 +5,7 @@ use faer::{Accum, Mat, Par, Side};
 
 use crate::SynergyError;
 
-/// Entries of a component this close to its largest absolute value, relative to it, count as tied in the sign rule.
+/// Entries whose absolute value is within this share of the component's largest one are tied in the sign rule.
 const SIGN_TIE: f64 = 1e-9;
 
 /// (symmetric covariance: n x n, k <= n) => (components: k x n row-major, all eigenvalues, falling: n)
@@ -17,7 +17,7 @@ pub(super) fn principal_components(covariance: &Mat<f64>, k: usize) -> Result<(V
         return Err(failed());
     }
     let decomposition = covariance.self_adjoint_eigen(Side::Lower).map_err(|_| failed())?;
-    // faer sorts eigenvalues upwards; those of a covariance are negative by rounding only.
+    // faer sorts eigenvalues in rising order. Those of a covariance can be negative only by rounding.
     let ascending = decomposition.S().column_vector();
     let eigenvalues = (0..n_joints).rev().map(|i| ascending[i].max(0.0)).collect();
     let mut components = Vec::with_capacity(k * n_joints);
@@ -53,7 +53,7 @@ pub(super) fn contribution_rates(eigenvalues: &[f64], k: usize) -> Vec<f64> {
     eigenvalues[..k].iter().map(|l| if total > 0.0 { l / total } else { 0.0 }).collect()
 }
 
-/// (a component) => the factor, 1 or -1, that makes it obey the sign rule
+/// (a component) => the factor, 1 or -1, with which it fulfils the sign rule
 fn sign_of_largest(component: &[f64]) -> f64 {
     let largest = component.iter().fold(0.0_f64, |largest, loading| largest.max(loading.abs()));
     let first = component.iter().find(|loading| loading.abs() >= largest * (1.0 - SIGN_TIE));

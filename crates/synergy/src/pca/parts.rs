@@ -1,9 +1,9 @@
-//! A synergy's numbers as they were stored, and the relations that must hold between them.
+//! The stored numbers of a synergy, and the relations that must hold between them.
 
 use crate::joint::check_joints;
 use crate::{JointInfo, SynergyError};
 
-/// How far the products of the components may be from those of an orthonormal basis.
+/// Largest difference of the products of the components from those of an orthonormal basis.
 const ORTHONORMAL_TOLERANCE: f64 = 1e-8;
 
 /// The numbers from which a [`Synergy`] is rebuilt.

@@ -1,4 +1,4 @@
-"""Writes pca.toml beside this file: postures and what NumPy makes of them.
+"""Writes pca.toml beside this file: postures, and NumPy's analysis of them.
 
 The postures are rounded to short decimals, so that the fixture stays small and every reader has the same numbers.
 Run it with any Python 3 that has NumPy:  python3 generate_pca.py

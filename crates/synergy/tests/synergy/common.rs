@@ -2,7 +2,7 @@
 
 use eigenhand_synergy::{ActuationMap, JointInfo, Synergy, SynergyFile, Unit};
 
-/// `n` joints with wide limits and names that no format likes.
+/// Returns `n` joints with wide limits, and with names that file formats must escape.
 pub fn joints(n: usize) -> Vec<JointInfo> {
     let odd = ["FFJ3", "ffj3", "it's \"quoted\"", "指/0", "a.b[c]\\d", "object", "rowid", "new\nline", "3f9c#2"];
     (0..n)
@@ -15,7 +15,7 @@ pub fn joints(n: usize) -> Vec<JointInfo> {
         .collect()
 }
 
-/// Deterministic postures of uneven, full-rank variance, with numbers that need all their digits.
+/// Returns deterministic postures with uneven variance of full rank; their numbers need all digits.
 pub fn postures(n_postures: usize, n_joints: usize) -> Vec<Vec<f64>> {
     let mut state = 1_u64;
     let mut next = || {
@@ -36,7 +36,7 @@ pub fn postures(n_postures: usize, n_joints: usize) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// A file over `n` joints with the postures that it was fitted to.
+/// Returns a synergy file over `n` joints, and the postures to which it was fitted.
 pub fn file(n_postures: usize, n: usize, k: usize) -> (SynergyFile, Vec<Vec<f64>>) {
     let postures = postures(n_postures, n);
     let file = SynergyFile {

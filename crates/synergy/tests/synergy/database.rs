@@ -1,4 +1,4 @@
-//! The posture database as a file: what comes back, and what is refused.
+//! The posture database as a file: records come back unchanged, and bad files are refused.
 
 use std::fs;
 

@@ -1,4 +1,4 @@
-//! The exported directory: bit-identical numbers, clear refusals, never half of it.
+//! The exported directory: bit-identical numbers, clear errors, no incomplete directory.
 
 use std::fs;
 use std::path::Path;
@@ -112,7 +112,7 @@ fn what_cannot_be_exported_leaves_no_trace() {
     assert!(entries(parent.path()).is_empty());
 }
 
-/// A small file with round numbers, to be spoiled by replacing text.
+/// Returns the text of a small file with round numbers; tests damage it by replacing text.
 fn plain_file() -> String {
     let joints = &joints(2);
     let file = SynergyFile {
@@ -221,7 +221,7 @@ fn damaged_directories_are_refused_by_file() {
     assert!(message.contains("shape of mean.npy") && message.contains("[2, 3]"), "{message}");
 }
 
-/// Checks in NumPy: shapes, types, and the definition of the error, from the files alone.
+/// Checks in NumPy, from the files alone: shapes, types, and the definition of the error.
 const SCRIPT: &str = r#"
 import sys, numpy as np
 load = lambda name: np.load(f"{sys.argv[1]}/{name}.npy")
@@ -242,7 +242,7 @@ fn numpy_reads_the_arrays() {
     let probe = Command::new(&python).args(["-c", "import numpy"]).output();
     if !probe.is_ok_and(|output| output.status.success()) {
         assert!(std::env::var_os("EIGENHAND_PYTHON_REQUIRED").is_none(), "{python} cannot import numpy");
-        println!("skipped: {python} cannot import numpy (EIGENHAND_PYTHON names another interpreter)");
+        println!("skipped: {python} cannot import numpy; set EIGENHAND_PYTHON to another interpreter");
         return;
     }
     let parent = TempDir::new().unwrap();

@@ -1,4 +1,4 @@
-//! The crate's tests that need its public interface only.
+//! The crate's tests through its public interface.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
