@@ -1,4 +1,4 @@
-//! The hand contract over every hand of the workspace, and over hands that break it.
+//! The hand contract on every hand of the workspace, and on hands that break it.
 
 use eigenhand_hands::Hand;
 use eigenhand_onboard::check_hand;
@@ -62,14 +62,14 @@ fn check_with(old: &str, new: &str) -> ContractReport {
 
 /// Reads the gripper with one piece of its manifest or model replaced.
 fn gripper_with(old: &str, new: &str) -> Hand {
-    assert_eq!(MANIFEST.matches(old).count() + MODEL.matches(old).count(), 1, "{old:?} is not there once");
+    assert_eq!(MANIFEST.matches(old).count() + MODEL.matches(old).count(), 1, "{old:?} must occur exactly once");
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("hand.toml"), MANIFEST.replace(old, new)).unwrap();
     std::fs::write(directory.path().join("gripper.xml"), MODEL.replace(old, new)).unwrap();
     Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Asserts that this one condition fails, and what it says.
+/// Asserts that the condition `name` fails, and that its message contains each part of `says`.
 fn assert_fails(report: &ContractReport, name: &str, says: &[&str]) {
     assert!(!report.passed());
     let found = report.checks.iter().find(|c| c.name == name).unwrap_or_else(|| panic!("no {name:?} in {report:#?}"));
@@ -115,7 +115,7 @@ fn an_actuator_that_moves_nothing_is_told() {
         r#"<position name="right_motor" joint="right_joint" kp="400""#,
         r#"<position name="right_motor" joint="right_joint" kp="0.001""#,
     );
-    assert_fails(&report, "actuators move their joints", &["right_motor", "right_joint", "% of its range"]);
+    assert_fails(&report, "actuators move their joints", &["right_motor", "right_joint", "% of the joint's range"]);
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn a_hand_out_of_reach_is_told() {
 
 #[test]
 fn a_joint_that_cannot_move_is_told() {
-    // A body as heavy as a ship stays where it is, to the last bit that an observation has.
+    // A body as heavy as a ship does not move, to the last bit of the observation.
     let report = check_with(
         r#"<body name="bridge">"#,
         r#"<body name="ship" pos="0 0 1">

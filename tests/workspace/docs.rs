@@ -1,4 +1,4 @@
-//! The documents against what they describe.
+//! The documents must agree with the code and files that they describe.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ fn read(name: &str) -> String {
     std::fs::read_to_string(workspace().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
 }
 
-/// Returns the rows of a document's tables as cells.
+/// Returns the rows of a document's tables, split into cells.
 fn rows(text: &str) -> Vec<Vec<String>> {
     let cells = |line: &str| line.trim_matches('|').split('|').map(|cell| cell.trim().to_owned()).collect();
     text.lines().filter(|line| line.starts_with('|')).map(cells).collect()
@@ -45,7 +45,7 @@ fn flatten(table: &Table, prefix: &str, flat: &mut BTreeMap<String, Value>) {
     }
 }
 
-/// Compares numbers as the single precision in which some of them are kept.
+/// Compares two values; numbers are compared in single precision, because some settings are stored in it.
 fn same(a: &Value, b: &Value) -> bool {
     match (a, b) {
         (Value::Float(a), Value::Float(b)) => *a as f32 == *b as f32,
@@ -69,7 +69,7 @@ fn every_setting_is_documented_with_its_default() {
         assert!(same(&found, value), "docs/configuration.md: `{key}` is {cell}, but presets/default.toml has {value}");
     }
     for key in written.keys() {
-        assert!(settings.contains_key(key), "docs/configuration.md has `{key}`, which is no setting");
+        assert!(settings.contains_key(key), "docs/configuration.md has `{key}`, but there is no such setting");
     }
 }
 
@@ -90,7 +90,7 @@ fn every_deviation_of_the_default_from_the_paper_is_numbered() {
     };
     let mut documented = BTreeSet::new();
     for (i, row) in table.iter().enumerate() {
-        assert_eq!(row[0], (i + 1).to_string(), "the numbers run on");
+        assert_eq!(row[0], (i + 1).to_string(), "the deviations are numbered consecutively");
         let key = row[1].trim_matches('`');
         for (cell, preset) in [(&row[2], Preset::Default), (&row[3], Preset::Paper)] {
             let (found, expected) = (parse(cell), value(preset, key));
@@ -112,7 +112,7 @@ fn every_deviation_of_the_default_from_the_paper_is_numbered() {
     }
     let numbers = others.lines().filter_map(|line| line.split_once(". ")?.0.parse::<usize>().ok());
     let expected: Vec<usize> = (table.len() + 1..).take(numbers.clone().count()).collect();
-    assert_eq!(numbers.collect::<Vec<_>>(), expected, "the numbers run on");
+    assert_eq!(numbers.collect::<Vec<_>>(), expected, "the deviations are numbered consecutively");
 }
 
 #[test]
@@ -193,7 +193,7 @@ fn links_between_documents_lead_somewhere() {
     }
 }
 
-/// The table that people read is the one that the report's file has.
+/// The table in the document must equal the report's CSV file.
 #[test]
 fn the_table_of_results_is_that_of_the_runs() {
     let file = read("docs/results/runs.csv");

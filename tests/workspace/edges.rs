@@ -7,7 +7,7 @@ use cargo_metadata::{Metadata, MetadataCommand};
 use crate::source;
 use crate::support::workspace;
 
-/// Every crate with the crates of this workspace that it may depend on, for whatever purpose.
+/// Every crate, with the crates of this workspace on which it may depend for any purpose.
 const ALLOWED: [(&str, &[&str]); 14] = [
     ("eigenhand-hand-abi", &[]),
     ("eigenhand-files", &[]),
@@ -58,21 +58,21 @@ const ALLOWED: [(&str, &[&str]); 14] = [
             "eigenhand-sim",
             "eigenhand-synergy",
             "eigenhand-train",
-            // So that its library is built beside the program that the tests run.
+            // Its library must be built beside the program that the tests run.
             "eigenhand-hand-parametric",
         ],
     ),
 ];
 
-/// The developers' command line, which names the compiled plugin so that its library is built beside it.
+/// The developers' command line. It depends on the compiled plugin so that the plugin's library is built beside it.
 const XTASK: (&str, &[&str]) = ("xtask", &["eigenhand-cli", "eigenhand-hands", "eigenhand-hand-parametric"]);
 
-/// The package that may see all others, because it tests them together.
+/// The package that may depend on all others, because it tests them together.
 const TESTS: &str = "eigenhand-tests";
 
 const MARK: &str = "**Invariant:**";
 
-/// A sentence of ARCHITECTURE.md after its mark, and what it means for the sources.
+/// A sentence of ARCHITECTURE.md after its mark, and the check that enforces it.
 type Invariant = (&'static str, fn(&Graph));
 
 const INVARIANTS: [Invariant; 15] = [
@@ -161,14 +161,14 @@ impl Graph {
         Graph { metadata }
     }
 
-    /// Names of everything that a package depends on, builds and tests included.
+    /// Returns the names of all dependencies of a package, including those of its builds and tests.
     fn all(&self, package: &str) -> BTreeSet<String> {
         let found = self.metadata.packages.iter().find(|p| p.name.as_str() == package);
         let found = found.unwrap_or_else(|| panic!("the workspace has no package {package}"));
         found.dependencies.iter().map(|d| d.name.clone()).collect()
     }
 
-    /// The same, of this workspace.
+    /// Returns those dependencies that belong to this workspace.
     fn internal(&self, package: &str) -> BTreeSet<String> {
         let members: BTreeSet<&str> = self.metadata.packages.iter().map(|p| p.name.as_str()).collect();
         self.all(package).into_iter().filter(|name| members.contains(name.as_str())).collect()
@@ -182,7 +182,7 @@ impl Graph {
     }
 }
 
-/// Checks that no line of code below a directory has a word; a word in lower case stands for every case.
+/// Checks that no line of code below a directory has a word; a word in lower case matches every case.
 fn lacks_word(directory: &str, word: &str) {
     for file in source::rust_files(&workspace().join(directory)) {
         for (number, line) in source::code(&file) {
@@ -226,7 +226,7 @@ fn the_invariants_of_the_architecture_hold() {
 #[test]
 fn the_architecture_states_the_invariants_that_are_checked() {
     let text = std::fs::read_to_string(workspace().join("ARCHITECTURE.md")).expect("ARCHITECTURE.md");
-    // A sentence may run over lines, and ends with the line that ends its paragraph or list item.
+    // A sentence may span several lines. It ends with the last line of its paragraph or list item.
     let joined = text.split("\n\n").map(|p| p.split_whitespace().collect::<Vec<_>>().join(" "));
     let stated: BTreeSet<String> =
         joined.filter_map(|p| p.split_once(MARK).map(|(_, sentence)| sentence.trim().to_owned())).collect();

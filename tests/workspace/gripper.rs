@@ -14,8 +14,8 @@ position = [0.0, 0.0, 0.12]
 range = [-0.045, 0.12]
 "#;
 
-/// Two pads that close on what lies between them; the right one follows the left. The gripper learns and fails in a
-/// fraction of the time that a hand of many joints takes.
+/// Two pads that close on the object between them; the right pad follows the left one. Tests with this gripper take a
+/// fraction of the time that a hand with many joints needs.
 pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
   <default>
     <joint type="slide" limited="true" range="0 0.05" damping="10" armature="0.01"/>
@@ -45,7 +45,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 </mujoco>
 "#;
 
-/// Settings of a run that takes a second or two, before those of the test.
+/// Settings of a run that takes a second or two. A test adds its own settings after them.
 pub const TINY: [&str; 38] = [
     "hand=gripper",
     "episodes=24",

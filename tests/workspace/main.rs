@@ -1,6 +1,6 @@
-//! Integration tests of the workspace: what no crate can test alone.
+//! Integration tests that need several crates of the workspace.
 #![forbid(unsafe_code)]
-// A helper function of a test fails the test, which is what a panic means here.
+// A panic in a helper function fails the test, as intended.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod choice;

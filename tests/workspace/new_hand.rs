@@ -1,4 +1,4 @@
-//! `hands new`: a hand nobody has described is made out, written and keeps the contract.
+//! `hands new`: a hand without a description is surveyed and written, and fulfils the contract.
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +23,7 @@ fn request(source: &Path, directory: PathBuf) -> NewHand {
     }
 }
 
-/// Makes the hand and holds it to the contract.
+/// Makes the hand and checks it against the contract.
 fn made(source: &Path, change: impl Fn(&mut NewHand)) -> (NewHandReport, Hand) {
     let place = TempDir::new().unwrap();
     let mut request = request(source, place.path().join("found"));
@@ -41,7 +41,7 @@ fn file(directory: &TempDir, text: &str) -> PathBuf {
     path
 }
 
-/// A gripper whose approach is along its own -z and whose pads close by their one actuator.
+/// The gripper approaches along its own -z, and its single actuator closes the pads.
 #[test]
 fn a_gripper_is_made_out() {
     let place = TempDir::new().unwrap();
@@ -50,9 +50,9 @@ fn a_gripper_is_made_out() {
     assert_eq!((report.palm.as_str(), report.fingertips.len()), ("bridge", 2));
     assert_eq!(report.close_up, ["close"]);
     assert_eq!(report.approach, [0.0, 0.0, -1.0]);
-    // Approaching along -z, it hangs as it was drawn.
+    // The approach is -z already, so the mount does not tilt the hand.
     assert!(hand.manifest.mount.pose().rotation.angle() % std::f64::consts::PI < 1e-6);
-    // The owner's word is taken, whatever it does.
+    // The caller's hint is used, even a wrong one.
     let mut turned = request(&source, place.path().join("turned"));
     turned.hints.approach = Some([0.0, 0.0, 1.0]);
     let report = new_hand(&turned, &mujoco(), &setting(), &mut Vec::new()).unwrap();
@@ -73,12 +73,12 @@ fn scripted_grasps_find_the_place() {
     assert!((place.shift[0] + BESIDE).abs() < 0.021, "{place:?}");
     assert!(place.shift[1].abs() < 0.021, "{place:?}");
     assert_eq!(place.lifted, place.tried, "{place:?}");
-    // What closes nothing lifts nothing, and stays where it is.
+    // A hand without closing actuators lifts nothing and stays in its place.
     let idle = best_place(&task, &Default::default(), hand.manifest.objects.scale).unwrap();
     assert_eq!((idle.shift, idle.lifted), ([0.0; 2], 0), "{idle:?}");
 }
 
-/// The file of the workspace's own hand, without what its manifest says.
+/// The model file of a hand of the workspace, without its manifest.
 #[test]
 fn the_hand_of_the_workspace_is_made_out_from_its_file_alone() {
     let described = Hand::load(workspace().join("plugins/shadow")).unwrap();
@@ -87,13 +87,13 @@ fn the_hand_of_the_workspace_is_made_out_from_its_file_alone() {
     assert_eq!(report.fingertips.len(), described.fingertips.len());
     assert_eq!(hand.posture.len(), described.posture.len());
     assert!((report.object_scale - 1.0).abs() < 1e-9, "{}", report.object_scale);
-    // The palm faces down as the manifest's author has it: the turn between the two is about the vertical.
+    // The palm faces down as in the hand's own manifest: the two mounts differ only by a rotation about the vertical.
     let between = hand.manifest.mount.pose().rotation * described.manifest.mount.pose().rotation.inverse();
     let vertical = between * nalgebra::Vector3::z();
     assert!(vertical.z > 0.999, "{vertical}");
 }
 
-/// What the authors of the workspace's hands wrote by hand, found again from their models alone.
+/// From the models alone, the survey finds the directions that the authors of the workspace's hands wrote down.
 #[test]
 fn the_closing_directions_of_described_hands_are_found() {
     let mut n_compared = 0;
@@ -114,7 +114,7 @@ fn the_closing_directions_of_described_hands_are_found() {
     assert!(n_compared > 0);
 }
 
-/// Fingers that hang from a disc, curl as far outwards as inwards, and swing sideways; one bends about the opposite axis.
+/// Fingers hang from a disc, curl outwards as far as inwards, and swing sideways. One bends about the opposite axis.
 #[test]
 fn a_claw_closes_towards_its_middle() {
     let (mut fingers, mut actuators) = (String::new(), String::new());
@@ -145,7 +145,7 @@ fn a_claw_closes_towards_its_middle() {
     assert_eq!(report.neither, ["swing0", "swing1", "swing2"]);
 }
 
-/// A gripper at the end of an arm of a turning base, a shoulder and a wrist, beside another limb.
+/// A gripper at the end of an arm (rotating base, shoulder, wrist), beside another limb.
 #[test]
 fn the_arm_above_a_hand_is_left_out() {
     let hand = GRIPPER_MODEL
@@ -168,12 +168,16 @@ fn the_arm_above_a_hand_is_left_out() {
     assert_eq!(joints, ["wrist", "left_joint", "right_joint"]);
 }
 
-/// What is no hand, or is in another unit.
+/// Models that are not a hand, or are in another unit.
 #[test]
 fn what_cannot_be_a_hand_is_refused() {
     let place = TempDir::new().unwrap();
     for (from, to, said) in [
-        ("size=\"0.02 0.008 0.03\"", "size=\"0.02 0.008 3\"", "no finger"),
+        (
+            "size=\"0.02 0.008 0.03\"",
+            "size=\"0.02 0.008 3\"",
+            "fingers longer than 60 cm or shorter than 5 mm are refused",
+        ),
         ("range=\"0 0.05\"", "range=\"0 0.00005\"", "no fingertip moves by more than"),
     ] {
         let text = GRIPPER_MODEL.replace(from, to);
@@ -185,7 +189,7 @@ fn what_cannot_be_a_hand_is_refused() {
     }
 }
 
-/// A joint on the only body, and joints that all follow one another.
+/// A file with a joint on its only body, and a file whose joints all follow one another.
 #[test]
 fn what_no_survey_can_find_is_said() {
     let place = TempDir::new().unwrap();
@@ -224,16 +228,16 @@ fn nothing_is_left_behind_by_a_hand_that_fails() {
     let mut lost = request(&source, place.path().join("found"));
     lost.hints.palm = Some("bridg".to_owned());
     let message = new_hand(&lost, &library, &setting(), &mut notes).unwrap_err().to_string();
-    assert!(message.contains("\"bridg\"; bodies that carry moving parts are bridge"), "{message}");
+    assert!(message.contains("\"bridg\"; choose from the bodies that carry moving parts: bridge"), "{message}");
 }
 
-/// Hands as their makers publish them, where the directory of them is there.
+/// Hands as their makers publish them; skipped if their directory is missing.
 #[test]
 fn published_hands_keep_the_contract() {
     let corpus = std::env::var_os("EIGENHAND_HANDS_CORPUS")
         .map_or_else(|| workspace().join("../shared/hands-corpus"), PathBuf::from);
     let Ok(index) = std::fs::read_to_string(corpus.join("INDEX.tsv")) else {
-        eprintln!("skipped: no published hands at {}; EIGENHAND_HANDS_CORPUS names them", corpus.display());
+        eprintln!("skipped: no published hands at {}; set EIGENHAND_HANDS_CORPUS to their directory", corpus.display());
         return;
     };
     for row in index.lines().skip(1) {

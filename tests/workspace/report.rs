@@ -1,4 +1,4 @@
-//! Reports on real runs, and on runs with something wrong.
+//! Reports on real runs, and on faulty runs.
 
 use std::path::{Path, PathBuf};
 
@@ -22,7 +22,7 @@ fn text(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Returns the rows of a CSV file as cells, the header first.
+/// Returns the rows of a CSV file, split into cells; the header is the first row.
 fn rows(path: &Path) -> Vec<Vec<String>> {
     text(path).lines().map(|line| line.split(',').map(str::to_owned).collect()).collect()
 }
@@ -47,7 +47,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
     assert!(page.contains("prefers-color-scheme: dark") && page.matches("<svg").count() > 3);
     assert!(report.analysis.statements.iter().all(|sentence| page.contains(sentence.as_str())));
 
-    // Every figure as drawing, picture and numbers.
+    // Every figure is there as drawing, picture and numbers.
     let figures = files(&out.path().join("figures"));
     assert_eq!(figures.len() % 3, 0, "{figures:?}");
     for path in figures.iter().filter(|path| path.extension().is_some_and(|e| e == "svg")) {
@@ -56,7 +56,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
         assert!(rows(&path.with_extension("csv")).len() > 1, "{}", path.display());
     }
 
-    // The plotted success of lambda 0 is the median of what its two runs logged.
+    // The plotted success of lambda 0 is the median of the values that its two runs logged.
     let plotted = rows(&out.path().join("figures/success-episodes.csv"));
     let logged = |run: &Run, i: usize| run.metrics()[i]["success_rate"].parse::<f64>().unwrap();
     for (i, row) in plotted.iter().skip(1).filter(|row| row[0] == "0").enumerate() {
@@ -65,7 +65,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
         assert_eq!(row[5], "2");
     }
 
-    // A row for each run, as its summary has it.
+    // One row for each run, with the values of its summary.
     let table = rows(&out.path().join("runs.csv"));
     assert_eq!(
         table[0][..7],
@@ -77,7 +77,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
         assert_eq!(row[4], summary["n_postures"].to_string());
     }
 
-    // What is wrong with two runs against three is said.
+    // Too few runs for an interval of the difference: the statement says so.
     let difference = report.analysis.differences.iter().find(|d| d.quantity.key() == "success_rate").unwrap();
     assert!(difference.contrast.interval.is_none() && difference.statement.contains("no interval"), "{difference:?}");
     let of_one: Vec<f64> =
@@ -86,7 +86,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
     assert_eq!(Some(estimate.iqm), interquartile_mean(&of_one));
     assert!(estimate.interval.is_some());
 
-    // Again over itself, with fewer runs: what is no longer so is gone.
+    // A second report with fewer runs replaces the first, and outdated files are gone.
     write(&runs[..2], out.path()).unwrap();
     assert!(!out.path().join("figures/contribution-l1.svg").exists());
     assert_eq!(rows(&out.path().join("runs.csv")).len(), 3);
@@ -98,7 +98,10 @@ fn one_run_and_an_unfinished_one_are_worth_a_report() {
     let runs = read(&run).unwrap();
     let summary = runs[0].summary.clone().unwrap();
     let mean = runs[0].errors.iter().sum::<f64>() / runs[0].errors.len() as f64;
-    assert!((mean - summary.mean_error_rad.unwrap()).abs() < 1e-9, "the errors are those that the run reports");
+    assert!(
+        (mean - summary.mean_error_rad.unwrap()).abs() < 1e-9,
+        "the mean of the errors is the one in the run's summary"
+    );
     assert_eq!(runs[0].errors.len(), (summary.n_postures as usize).min(tiny(&[]).synergy.window));
     let report = write(&runs, &run.path.join("report")).unwrap();
     assert!(report.analysis.notes.is_empty() && report.analysis.differences.is_empty());
@@ -110,7 +113,7 @@ fn one_run_and_an_unfinished_one_are_worth_a_report() {
     assert!(analysis.notes[0].contains("is not finished (24 of 24"), "{:?}", analysis.notes);
     assert!(analysis.lambdas[0].quantities.is_empty() && analysis.statements.is_empty());
 
-    // A run that has just begun has nothing to say.
+    // A run that has just begun gives no report.
     std::fs::write(run.file("metrics.csv"), "").unwrap();
     assert!(matches!(read(&run), Err(ReportError::NothingYet { .. })));
 }
@@ -125,7 +128,7 @@ fn what_is_wrong_with_the_runs_is_said() {
         );
     }
 
-    // A file beside a report that is none of its own is left alone.
+    // A file that is not the report's stays untouched.
     std::fs::write(empty.path().join("mine.txt"), "mine").unwrap();
     let refused = write(&read(&run).unwrap(), empty.path()).err().unwrap();
     assert!(refused.is_usage() && matches!(refused, ReportError::OutExists { .. }), "{refused}");

@@ -1,4 +1,4 @@
-//! Reproductions whose processes do something else than train.
+//! Reproductions that run other processes instead of trainings.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -50,7 +50,7 @@ impl Place {
     }
 }
 
-/// Keeps what is shown, and asks to stop when a run trains.
+/// Keeps the notes, and requests a stop when a run trains.
 #[derive(Default)]
 struct Display<'a> {
     notes: Vec<String>,
@@ -69,8 +69,8 @@ impl OverviewDisplay for Display<'_> {
     }
 }
 
-/// A shell in place of a training. It gets back the interrupt that a test inherits as ignored when it runs in the
-/// background, because a shell cannot trap what it was started to ignore.
+/// Returns the command of a shell that runs instead of a training. `env` restores the default interrupt first: a test
+/// in the background inherits an ignored interrupt, and a shell cannot trap a signal that was ignored at its start.
 fn shell(script: &str) -> impl Fn(&Member) -> Command {
     move |member| {
         let mut command = Command::new("env");
@@ -103,7 +103,7 @@ fn a_process_that_fails_is_shown_with_its_last_words_and_the_others_go_on() {
     }
     assert!(display.notes.iter().any(|note| note.contains("l1-s1 failed") && note.contains("out of luck")));
 
-    // One that ends well and has trained nothing has failed too.
+    // A process that ends without an error but has trained nothing has failed too.
     let endings = train(&reproduction, 2, &AtomicUsize::new(0), &shell("exit 0"), &mut display).unwrap();
     assert!(endings.iter().all(|ending| matches!(ending, Ending::Failed { .. })));
 }
@@ -126,7 +126,7 @@ fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
     }
     assert!(used.file("config.toml").exists() && foreign.exists());
 
-    // Once it is free, a run in which nothing was trained makes way.
+    // Once the directory is free, a run that has trained nothing is replaced.
     drop(used);
     let script = "test ! -e \"$0\" && exit 7";
     let there = |member: &Member| {
@@ -138,7 +138,7 @@ fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
     assert!(matches!(&endings[0], Ending::Failed { status, .. } if status.contains('7')), "{endings:?}");
 }
 
-/// Fails once a file is there.
+/// Fails once a file exists.
 struct Gone(PathBuf);
 
 impl OverviewDisplay for Gone {
@@ -158,7 +158,7 @@ fn no_process_is_left_behind_when_the_display_fails() {
     let script = format!("trap 'touch \"{}\"; exit 1' INT; touch \"{}\"; {wait}", told.display(), ready.display());
     let run = || train(&reproduction, 1, &AtomicUsize::new(0), &shell(&script), &mut Gone(ready.clone()));
     assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
-    assert!(told.exists(), "the process was asked to stop and waited for");
+    assert!(told.exists(), "the process was asked to stop, and its end was awaited");
 }
 
 #[test]
@@ -171,5 +171,5 @@ fn a_process_that_ignores_the_first_request_to_stop_is_killed_at_the_second() {
     let endings = train(&reproduction, 1, &stop, &shell("trap '' INT; exec sleep 60"), &mut display).unwrap();
     assert!(started.elapsed().as_secs() < 50, "the process was waited for");
     assert_eq!(endings, [Ending::Stopped, Ending::Stopped]);
-    assert!(!display.notes.iter().any(|note| note.contains("l1-s1 starts")), "nothing begins after a request to stop");
+    assert!(!display.notes.iter().any(|note| note.contains("l1-s1 starts")), "no run starts after a request to stop");
 }

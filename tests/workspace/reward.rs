@@ -1,4 +1,4 @@
-//! Rewards of real episodes: with their own goals, as replay computes them, and in hindsight.
+//! Rewards of real episodes: with their own goals, as replay computes them, and with hindsight goals.
 
 use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
@@ -37,7 +37,7 @@ fn random_episodes() -> &'static Episodes {
     })
 }
 
-/// The reward of a task, with the synergy of random postures when `active`.
+/// Returns the reward of a task; if `active`, it uses a synergy of random postures.
 fn reward(task: &GraspTask, active: bool) -> GraspReward {
     let mut feedback = Feedback::new(1.0, Penalty::Literal, 0.0, 100);
     if active {
@@ -54,7 +54,7 @@ fn reward(task: &GraspTask, active: bool) -> GraspReward {
     GraspReward { config: task.reward.clone(), n_joints: task.posture_joints.len(), feedback }
 }
 
-/// The rewards of an episode's steps with its own goal.
+/// Returns the rewards of an episode's steps with the episode's own goal.
 fn rewards(reward: &GraspReward, data: &EpisodeData) -> Vec<f32> {
     let of = |t: usize| {
         reward.reward(data.achieved_goal(t + 1), &data.desired_goal, data.observation(t + 1), data.facts_at(t))
@@ -62,7 +62,7 @@ fn rewards(reward: &GraspReward, data: &EpisodeData) -> Vec<f32> {
     (0..data.shape.n_steps).map(of).collect()
 }
 
-/// A replay of episodes, and how many of their steps succeed.
+/// Returns a replay of episodes, and the number of their successful steps.
 fn replay(task: &GraspTask, episodes: &[Episode], reward: &GraspReward) -> (Replay, usize) {
     let mut replay = Replay::new(episodes.len(), episode_shape(task)).unwrap();
     let mut successes = 0;
@@ -91,7 +91,7 @@ fn replay_computes_the_reward_of_the_step() {
             assert_eq!(expected[origin.episode][origin.t].to_bits(), computed.to_bits(), "{origin:?}");
             *kinds.entry(computed.to_bits()).or_default() += 1;
         }
-        // Without a synergy there are two rewards; with one, every success has its own.
+        // Without a synergy there are two different rewards; with a synergy, every success has its own.
         if active {
             assert!(kinds.len() > 5, "{kinds:?}");
         } else {
@@ -181,14 +181,17 @@ fn a_relabelled_goal_on_an_untouched_object_earns_no_success() {
         let mut at_goal = 0;
         for (i, origin) in batch.origins.iter().enumerate() {
             let episode = &replay.episodes()[origin.episode];
-            assert!(!StepFacts::from_slice(episode.facts_at(origin.t)).touches_hand, "the hand was to stay away");
+            assert!(
+                !StepFacts::from_slice(episode.facts_at(origin.t)).touches_hand,
+                "the hand must not touch the object"
+            );
             let goal = &batch.goals[3 * i..3 * i + 3];
             let squared: f32 =
                 episode.achieved_goal(origin.t + 1).iter().zip(goal).map(|(a, d)| (a - d) * (a - d)).sum();
             at_goal += usize::from(f64::from(squared).sqrt() < task.reward.success_distance);
             assert_eq!(batch.rewards[i], -1.0, "{origin:?}");
         }
-        // Nearness alone would have called all of these successes.
+        // By distance alone, all of these steps would succeed.
         assert!(at_goal > 900, "{}: {at_goal}", hand.manifest.name);
     }
 }

@@ -1,4 +1,4 @@
-//! The simulator under real hands: scenes, determinism, threads, warnings and divergence.
+//! The simulator with real hands: scenes, determinism, threads, warnings and divergence.
 
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
@@ -22,14 +22,14 @@ fn every_hand() -> Vec<Hand> {
     hands.into_iter().chain([gripper()]).collect()
 }
 
-/// The task of a hand with every object, as the default configuration has it.
+/// Returns the task of a hand with every object, in the default configuration.
 fn full_task(hand: &Hand) -> Arc<GraspTask> {
     let mut layers = Layers::new(Preset::Default).unwrap();
     layers.set("hand", hand.manifest.name.clone(), "test").unwrap();
     task(&layers.resolve().unwrap(), hand)
 }
 
-/// Observations, facts and warnings of an episode under random actions.
+/// Returns the observations, facts and warnings of an episode with random actions.
 fn random_episode(env: &mut GraspEnv, seed: u64, scene: usize, steps: usize) -> (Vec<u32>, WarningCounts) {
     let task = Arc::clone(env.task());
     let mut random = rng::stream(seed, "simulation", scene as u64);
@@ -48,7 +48,8 @@ fn random_episode(env: &mut GraspEnv, seed: u64, scene: usize, steps: usize) -> 
     (seen, env.warnings())
 }
 
-/// Folders are said twice and the file's own folder is dropped; the scene reads the file that the hand was read with.
+/// The model names its mesh folder twice, and `strippath` drops the folder in the file's name. The scene must read the
+/// same file as the reader of the hand.
 #[test]
 fn a_scene_finds_the_files_that_the_hand_was_read_with() {
     let directory = tempfile::TempDir::new().unwrap();
@@ -76,10 +77,10 @@ fn scenes_of_every_hand_compile_with_every_object() {
         let layout = task.observation_layout();
         assert_eq!(layout.len(), task.observation_len());
         let names: std::collections::BTreeSet<&str> = layout.iter().map(|entry| entry.name.as_str()).collect();
-        assert_eq!(names.len(), layout.len(), "the names of the observation differ");
+        assert_eq!(names.len(), layout.len(), "the names of the observation's entries must be unique");
         assert_eq!(task.action_len(), hand.actuators.len() + 1, "the slide has an actuator of its own");
         for scene in &task.scenes {
-            // Whatever the hand's model, the scene holds its joints, the slide and a free object.
+            // For every hand, the scene holds the hand's joints, the slide and a free object.
             assert_eq!(scene.model.nv(), hand.joints.len() + 1 + 6);
             assert_eq!(scene.model.nq(), hand.joints.len() + 1 + 7);
         }
@@ -99,7 +100,7 @@ fn the_shape_is_that_of_the_turned_object_and_the_same_for_its_symmetric_poses()
         assert!(worst < 1e-9, "{what}: {got:?}, expected {expected:?}");
     };
     let scene = task.scenes.iter().find(|scene| scene.object.name == "box").unwrap();
-    let Shape::Box { half: [x, y, z] } = scene.object.shape else { panic!("the box is no box") };
+    let Shape::Box { half: [x, y, z] } = scene.object.shape else { panic!("the object named box is not a box") };
     near("as it is", shape("box", Vector3::z(), 0.0), [x, y, z, 0.0, 0.0, 0.0]);
     near("a quarter about z", shape("box", Vector3::z(), FRAC_PI_2), [y, x, z, 0.0, 0.0, 0.0]);
     near("a quarter about x", shape("box", Vector3::x(), FRAC_PI_2), [x, z, y, 0.0, 0.0, 0.0]);
@@ -154,7 +155,7 @@ fn the_same_seed_gives_the_same_observations_to_the_last_bit() {
     for hand in every_hand() {
         let task = full_task(&hand);
         let (mut one, mut other) = (GraspEnv::new(&task).unwrap(), GraspEnv::new(&task).unwrap());
-        // What ran before must leave no trace.
+        // Earlier episodes must leave no trace.
         random_episode(&mut other, 3, 1, 10);
         let first = random_episode(&mut one, 1, 1, 25);
         assert_eq!(first, random_episode(&mut other, 1, 1, 25));
@@ -207,13 +208,13 @@ fn an_episode_is_a_function_of_its_job() {
         assert_eq!(a.data, b.data);
         assert_eq!(a.posture, b.posture);
     }
-    // Half of the episodes are without noise; with twelve, both kinds are there.
+    // Half of the episodes have no noise; twelve episodes contain both kinds.
     assert!(one.iter().any(|e| e.greedy) && one.iter().any(|e| !e.greedy));
 }
 
 #[test]
 fn a_full_contact_buffer_is_counted() {
-    // Many boxes in one place, each free to move against the others: more contacts than any hand has.
+    // Many boxes in one place, which can move relative to one another: more contacts than any hand has.
     let boxes: String = (0..14)
         .map(|i| {
             format!(
@@ -242,7 +243,7 @@ fn a_sound_hand_raises_no_warning() {
     }
 }
 
-/// Whether an equality couples two joints or the tendons that are their sums, the one without an actuator follows.
+/// An equality couples two joints, or two tendons that are sums of joints: the joint without an actuator follows.
 #[test]
 fn coupled_joints_without_an_actuator_follow() {
     let joint = r#"<joint name="together" joint1="right_joint" joint2="left_joint" polycoef="0 1 0 0 0"/>"#;

@@ -1,4 +1,4 @@
-//! What the sources must not contain.
+//! Rules for the sources: `unsafe` code, the loader of libraries, and names of the parts of hands.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -7,10 +7,10 @@ use eigenhand_hands::xmltree::Element;
 
 use crate::support::{registry, workspace};
 
-/// Where `unsafe` code may be.
+/// The places that may hold `unsafe` code.
 const FENCED: [&str; 3] = ["crates/mujoco/src", "crates/hands/src/compiled/library.rs", "crates/hand-abi/src"];
 
-/// The file of the crate `hands` through which alone a plugin's library is opened, and who may ask it to.
+/// The only file of the crate `hands` that opens a plugin's library, and the files that may call it.
 const LOADER: &str = "compiled.rs";
 const LOADER_CALLERS: [&str; 2] = ["compiled.rs", "registry.rs"];
 
@@ -29,7 +29,7 @@ pub fn rust_files(directory: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Lists the lines of a file up to its unit tests, numbered, without comments.
+/// Lists the numbered lines of a file up to its unit tests, without comments.
 pub fn code(file: &Path) -> Vec<(usize, String)> {
     let text = std::fs::read_to_string(file).unwrap();
     text.lines()
@@ -56,10 +56,10 @@ fn source_directories() -> Vec<PathBuf> {
     found
 }
 
-/// Checks that `unsafe` is where it may be, and that the compiler forbids it wherever a crate has no such place.
+/// Checks that `unsafe` code is only in the fenced places, and that every other crate forbids it.
 ///
-/// A crate with a fenced module denies unsafe code outside it, and so does a compiled plugin, where the macro that exports
-/// it allows that one item.
+/// A crate with a fenced module must deny unsafe code outside that module. So must a compiled plugin; only the macro
+/// that exports the plugin allows its one item.
 pub fn check_fences() {
     let fences = FENCED.map(|fence| workspace().join(fence));
     let plugins = workspace().join("plugins");
@@ -86,7 +86,7 @@ pub fn check_fences() {
     }
 }
 
-/// Checks that a library is opened by the registry alone.
+/// Checks that only the registry opens plugins' libraries.
 pub fn check_openers() {
     let hands = workspace().join("crates/hands/src");
     for file in rust_files(&hands) {
@@ -102,7 +102,7 @@ pub fn check_openers() {
     assert!(!text.contains("load_either"), "the loader is not public");
 }
 
-/// Checks that no generic crate says a word that is the name of a part of a hand.
+/// Checks that no generic crate contains the name of a part of a hand.
 pub fn check_names() {
     let names = names_of_parts();
     assert!(names.len() > 50, "only {} names were read from the hands", names.len());
@@ -120,8 +120,7 @@ pub fn check_names() {
 
 /// Lists the joints, actuators, bodies and fingertips of all registered hands, each with its hand.
 ///
-/// Words that `hand.toml` itself has for keys (and their values by default, such as the slide's name) are the manifest's
-/// before they are a hand's.
+/// Leaves out words that are keys of `hand.toml`, or default values of keys such as the slide's name.
 fn names_of_parts() -> BTreeMap<String, String> {
     let manifest: BTreeSet<&str> =
         eigenhand_hands::keys().iter().flat_map(|info| info.key.split('.')).chain(["slide", "base"]).collect();

@@ -1,4 +1,4 @@
-//! What several modules need: the hands, a small hand of their own, and tiny training runs.
+//! Helpers for several modules: the hands, a small hand for tests, and tiny training runs.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -25,36 +25,36 @@ pub fn workspace() -> PathBuf {
     tests.parent().expect("tests/ lies in the workspace").to_owned()
 }
 
-/// Returns the hands of the workspace, whatever the environment adds.
+/// Returns the hands of the workspace; ignores the environment.
 pub fn registry() -> Registry {
     let mut path = SearchPath::new();
     path.push(workspace().join("plugins"), "the workspace");
     Registry::discover(&path).expect("plugins/")
 }
 
-/// Returns the simulator; a machine without it fails the test with the error that says what to install.
+/// Returns the simulator. Without it, the test fails with the error that says what to install.
 pub fn mujoco() -> Arc<MuJoCo> {
     MuJoCo::load().unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Returns the Python to test examples with: the one that is named, or the system's.
+/// Returns the Python that runs the examples: the one in `EIGENHAND_PYTHON`, or else the system's.
 pub fn python() -> String {
     std::env::var("EIGENHAND_PYTHON").unwrap_or_else(|_| "python3".to_owned())
 }
 
-/// Environment variable by which a test that Python is missing for fails, instead of being skipped.
+/// Environment variable: if it is set, a test fails when Python or a module is missing, instead of being skipped.
 const PYTHON_REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
 
-/// Tells whether Python runs and has all of these modules; says so when it has not.
+/// Tells whether Python runs and has all of these modules; if not, prints that the test is skipped.
 pub fn python_has(modules: &str) -> bool {
     let probe = std::process::Command::new(python()).args(["-c", &format!("import {modules}")]).output();
     let there = probe.is_ok_and(|output| output.status.success());
     if !there {
         assert!(std::env::var_os(PYTHON_REQUIRED).is_none(), "{} cannot import {modules}", python());
-        // Written past the capture of a passing test's output, so that a test that did not run is seen.
+        // The output of passing tests is captured, so this line goes directly to stderr, where a person sees it.
         let _ = writeln!(
             std::io::stderr(),
-            "skipped: {} cannot import {modules}; EIGENHAND_PYTHON names another",
+            "skipped: {} cannot import {modules}; set EIGENHAND_PYTHON to another interpreter",
             python()
         );
     }
@@ -110,7 +110,7 @@ impl Progress for StopAfter<'_> {
     fn note(&mut self, _line: &str) {}
 }
 
-/// Ends the run after some episodes as a killed process would: nothing more is written.
+/// Ends the run after some episodes like a killed process: it writes nothing more.
 pub struct DieAfter {
     pub episodes: u64,
 }
@@ -194,13 +194,13 @@ impl Run {
         files
     }
 
-    /// Returns the bytes of the event files, of which a run has one.
+    /// Returns the bytes of the event files. A run has one, unless it is switched off.
     pub fn event_files(&self) -> Vec<Vec<u8>> {
         let is_event = |path: &PathBuf| path.display().to_string().contains("tfevents");
         self.snapshot().into_iter().filter(|(path, _)| is_event(path)).map(|(_, bytes)| bytes).collect()
     }
 
-    /// Returns the rows of metrics.csv as columns with values.
+    /// Returns the rows of metrics.csv, each as a map from column to value.
     pub fn metrics(&self) -> Vec<BTreeMap<String, String>> {
         let text = String::from_utf8(self.bytes("metrics.csv")).unwrap();
         let mut lines = text.lines();
@@ -221,7 +221,7 @@ fn collect(directory: &Path, files: &mut BTreeMap<PathBuf, Vec<u8>>) {
     }
 }
 
-/// Returns a policy whose action is always `action`, whatever it sees.
+/// Returns a policy whose action is `action` for every observation.
 pub fn constant_policy(task: &GraspTask, action: &[f32]) -> Policy {
     let (obs, goal, act) = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
     assert_eq!(action.len(), act);

@@ -1,4 +1,4 @@
-//! Whole training runs, tiny ones: repeatability, interruption, damage, divergence, and what is left behind.
+//! Tiny but complete training runs: repeatability, interruption, damage, divergence, and the files of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -15,7 +15,7 @@ use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, py
 const EPISODES: u64 = 24;
 const LAST: &str = "checkpoints/episode-00000024";
 
-/// Something that happens to the bytes of a file.
+/// A change to the bytes of a file.
 type Damage<'a> = &'a dyn Fn(&mut Vec<u8>);
 
 fn postures(run: &Run) -> Vec<PostureRecord> {
@@ -43,7 +43,7 @@ fn metrics_without(run: &Run, columns: &[&str]) -> Vec<BTreeMap<String, String>>
     rows
 }
 
-/// Asserts that two runs learned the same and left the same behind, but for the time they took.
+/// Asserts that two runs have the same results and the same files, except for wall time.
 fn assert_same(a: (&Run, Summary), b: (&Run, Summary)) {
     let ((a, mut summary_a), (b, mut summary_b)) = (a, b);
     for name in [&format!("{LAST}/learner.safetensors"), "checkpoints/replay.bin", "policy.safetensors"] {
@@ -79,7 +79,7 @@ fn a_run_repeats_itself_with_any_number_of_workers() {
     assert!(first.bytes("policy.safetensors") != other.bytes("policy.safetensors"));
 }
 
-/// The networks at a run's end, whichever of its policies was chosen.
+/// Returns the networks at the end of a run; the chosen policy may be an earlier one.
 fn learned(run: &Run) -> Vec<u8> {
     run.bytes(&format!("checkpoints/episode-{EPISODES:08}/learner.safetensors"))
 }
@@ -98,12 +98,12 @@ fn hands_that_say_what_closes_them_attempt_grasps_while_little_is_held() {
     let random = few.train(&tiny(&["training.least_held_steps=1000000"]));
     assert_eq!(random.updates, 60, "it learns from them");
     assert!(learned(&few) != learned(&plain));
-    // A hand that does not say what closes it makes none.
+    // A hand without closing directions makes no scripted grasps.
     let (silent, idle) = (Run::new(gripper()), Run::new(gripper()));
     let summary = silent.train(&tiny(&[]));
     let same = idle.train(&tiny(&["training.least_held_steps=1000000"]));
     assert_same((&silent, summary), (&idle, same));
-    // As many workers as there are change nothing, and neither does a stop.
+    // Neither the number of workers nor a stop changes the result.
     let again = closing();
     let stop = AtomicBool::new(false);
     let config = tiny(&["training.least_held_steps=1000000", "workers=3"]);
@@ -138,7 +138,7 @@ fn a_killed_run_goes_on_from_its_last_checkpoint() {
         run.start(&tiny(&[]), &AtomicBool::new(false), &mut DieAfter { episodes: 22 });
     }));
     assert!(killed.is_err());
-    // Episodes after the checkpoint were stored already; they are played again.
+    // Episodes after the checkpoint are already stored; they are played again.
     assert!(stored_episodes(&run) > 16);
     let resumed = run.resume_to_the_end();
     assert_same((&whole, summary), (&run, resumed));
@@ -191,7 +191,7 @@ fn a_damaged_checkpoint_is_an_error_that_says_what_to_do_and_changes_nothing() {
         let message = error.to_string();
         let file = name.rsplit('/').next().unwrap();
         assert!(message.contains(file) && message.contains(reason), "{message}");
-        assert!(message.lines().count() >= 2, "it does not say how to mend it: {message}");
+        assert!(message.lines().count() >= 2, "the message does not say what to do: {message}");
         let after = run.snapshot();
         assert!(before == after, "{name}: files were changed");
         std::fs::write(run.file(name), sound).unwrap();
@@ -213,7 +213,7 @@ fn the_checkpoint_before_a_damaged_one_can_be_used() {
         .collect();
     checkpoints.sort();
     assert_eq!(checkpoints.len(), 2);
-    // What the error of a damaged checkpoint tells the user to do.
+    // The error of a damaged checkpoint tells the user to do this.
     std::fs::remove_dir_all(&checkpoints[1]).unwrap();
     let resumed = run.resume_to_the_end();
     assert_same((&whole, summary), (&run, resumed));
@@ -239,12 +239,12 @@ fn evaluation_leaves_no_trace_in_training() {
     assert!(seldom.bytes("checkpoints/replay.bin") == often.bytes("checkpoints/replay.bin"));
     assert!(seldom.bytes("policy.safetensors") == often.bytes("policy.safetensors"));
     assert!(often.metrics().len() > seldom.metrics().len());
-    // One row for each successful training episode and none besides.
+    // One row for each successful training episode, and no other row.
     let episodes: Vec<u64> = postures(&often).iter().map(|p| p.episode).collect();
     assert!(episodes.is_sorted() && episodes.iter().all(|e| *e < EPISODES));
 }
 
-/// The gripper with a wheel whose motor speeds it up the more the faster it turns.
+/// Returns the gripper with a wheel whose motor pushes harder the faster the wheel turns.
 fn runaway(growth: f64) -> Hand {
     let wheel = "<body name=\"wheel\" pos=\"0 0 0.1\"><inertial pos=\"0 0 0\" mass=\"0.01\" \
                  diaginertia=\"1e-3 1e-3 1e-3\"/><joint name=\"spin\" type=\"hinge\" axis=\"0 0 1\" limited=\"false\" \
@@ -265,7 +265,7 @@ fn event_files_can_be_left_out() {
 
 #[test]
 fn diverged_episodes_are_counted_and_stored_nowhere() {
-    // So fast that some episodes end before the wheel's speed is infinite.
+    // The growth is low enough that some episodes end before the wheel's speed is infinite.
     let run = Run::new(runaway(0.021));
     let summary = run.train(&tiny(&[]));
     let diverged = summary.diverged_episodes;
@@ -355,7 +355,7 @@ fn noise_that_has_fallen_to_nothing_is_no_noise() {
     assert!(policy(&["training.noise_decay=[1, 1]", "training.final_noise=0"]) != without);
 }
 
-/// A single component, which leaves directions that the gripper's commands can be drawn out of.
+/// Settings with a single component, so that the synergy cannot give all commands of the gripper.
 const FEEDBACK: [&str; 3] = ["synergy.penalty=none", "synergy.components=1", "synergy.command_weight=50"];
 
 #[test]
