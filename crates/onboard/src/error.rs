@@ -49,7 +49,7 @@ pub enum OnboardError {
 }
 
 impl OnboardError {
-    /// Tells whether the command line was at fault, which ends with another exit status.
+    /// Tells whether the command line is at fault; such errors have an exit status of their own.
     pub fn is_usage(&self) -> bool {
         matches!(
             self,

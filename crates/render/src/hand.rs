@@ -1,4 +1,4 @@
-//! Pictures of a hand above the table with each object, for a person to judge.
+//! Pictures of a hand: above the table with each object, in a grasp, and in given postures.
 
 use std::sync::Arc;
 
@@ -67,7 +67,7 @@ pub fn grasp(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Picture, R
     Ok(draw(data, &camera, width, height))
 }
 
-/// Draws the hand alone in postures, one row of pictures for each row of postures, all with one camera.
+/// Draws the hand alone in each posture. A row of postures gives a row of pictures; all pictures share one camera.
 ///
 /// # Errors
 /// As [`GraspTask::posed_hand`].

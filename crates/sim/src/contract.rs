@@ -1,6 +1,6 @@
 //! The hand contract: conditions that every hand must fulfil in the simulator before it is worth training.
 //!
-//! Nothing here names a hand, a joint or a count: everything is read from the hand and from its compiled scenes.
+//! The code names no hand, no joint and no count: it reads everything from the hand and from its compiled scenes.
 
 use std::sync::Arc;
 

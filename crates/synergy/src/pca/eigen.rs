@@ -5,7 +5,7 @@ use faer::{Accum, Mat, Par, Side};
 
 use crate::SynergyError;
 
-/// Entries whose absolute value is within this share of the component's largest one are tied in the sign rule.
+/// In the sign rule, entries are tied if their absolute values differ from the largest by at most this share of it.
 const SIGN_TIE: f64 = 1e-9;
 
 /// (symmetric covariance: n x n, k <= n) => (components: k x n row-major, all eigenvalues, falling: n)
