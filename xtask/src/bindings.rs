@@ -8,7 +8,7 @@ use eigenhand_cli::output::Outcome;
 /// The script that calls bindgen.
 const SCRIPT: &str = "crates/mujoco/src/regenerate.sh";
 
-/// Generates the bindings to MuJoCo anew from its headers
+/// Generates the bindings to MuJoCo again from its headers
 #[derive(clap::Args)]
 #[command(
     after_help = "Needs bindgen and the headers of MuJoCo 2.2.2; the script crates/mujoco/src/regenerate.sh says how to \

@@ -1,8 +1,8 @@
-//! Cargo, as this program's commands call it.
+//! Calling Cargo.
 
 use std::process::Command;
 
-/// The one profile of everything here, so that what `cargo xtask` itself is built from is built once.
+/// The only profile in use, so that the crates below `cargo xtask` are built only once.
 pub const PROFILE: &str = "--release";
 
 /// Returns a command of the cargo that runs this program.

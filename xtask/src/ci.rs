@@ -23,7 +23,7 @@ const SMOKE_SETTINGS: [&str; 5] = [
     "evaluation.final_episodes=6",
 ];
 
-/// Runs all that continuous integration runs: format, lints, tests, documentation, hands, and a short training
+/// Runs the steps of continuous integration: format, lints, tests, documentation, hands, and a short training
 #[derive(clap::Args)]
 #[command(after_help = "Stops at the first step that fails.\n\nExample:\n  cargo xtask ci")]
 pub struct Args {
@@ -34,7 +34,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let started = Instant::now();
-    // Asked before the tests are built, which may put another file in its place.
+    // Found before the tests are built, because the build can replace the file.
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     setup::ensure_mujoco(&args.install)?;
     python::install()?;
@@ -47,7 +47,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))?;
     let registry = Registry::discover(&search_path(&[]))?;
     if registry.list().is_empty() {
-        bail!("no hands were found: run this in the workspace");
+        bail!("no hands were found: run this in a checkout of the repository");
     }
     for entry in registry.list() {
         let name = format!("hand {}", entry.name);
@@ -74,7 +74,7 @@ fn smoke(program: &Path, hand: &Path) -> anyhow::Result<()> {
     step("export", Command::new(program).arg("export").arg(&run).arg("--out").arg(&out))
 }
 
-/// Runs one step; says its name before and its time after.
+/// Runs one step; prints its name before and its time after.
 fn step(name: &str, command: &mut Command) -> anyhow::Result<()> {
     eprintln!("ci: {name}");
     let started = Instant::now();

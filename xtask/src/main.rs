@@ -1,4 +1,4 @@
-//! The developers' command line: every command of `eigenhand`, and beside them tests, set-up and generated code.
+//! The command line for developers: every command of `eigenhand`, and commands for tests, set-up and generated code.
 // The doc comments of arguments are what --help prints, with placeholders in angle brackets.
 #![allow(rustdoc::invalid_html_tags)]
 #![forbid(unsafe_code)]
@@ -23,7 +23,7 @@ const NAME: &str = "cargo xtask";
     name = "cargo xtask",
     bin_name = "cargo xtask",
     version,
-    about = "Acquires the postural synergies of a robot hand by reinforcement learning in MuJoCo",
+    about = "Trains robot hands in MuJoCo to grasp, and computes their postural synergies",
     after_help = "Example:\n  cargo xtask train --hand shadow --preset quick",
     disable_help_subcommand = true
 )]

@@ -1,4 +1,4 @@
-//! The Python that the tests of the examples run in.
+//! The Python for the tests of the examples.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -7,17 +7,17 @@ use anyhow::{Context, bail};
 
 /// Environment variable that names the Python.
 const PYTHON: &str = "EIGENHAND_PYTHON";
-/// Environment variable by which a test that Python is missing for fails, instead of being skipped.
+/// Environment variable that makes a test fail, instead of being skipped, if its Python packages are missing.
 const REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
-/// Where set-up puts the packages.
+/// Directory of the virtual environment that set-up makes.
 const ENVIRONMENT: &str = "target/python";
 /// The packages that the tests import. The tests know how far this version of MuJoCo differs from the one that training uses.
 const PACKAGES: [&str; 4] = ["numpy>=2,<3", "mujoco==4.0.0", "tensorboard==2.21.0", "tomli; python_version < '3.11'"];
 
-/// Makes a virtual environment with the packages, unless it is there.
+/// Makes a virtual environment with the packages, unless it exists.
 ///
 /// # Errors
-/// What went wrong, and what to install.
+/// The command that failed, and the package to install.
 pub fn install() -> anyhow::Result<()> {
     if has_packages(&interpreter()) {
         return Ok(());
@@ -36,7 +36,7 @@ pub fn install() -> anyhow::Result<()> {
     run(&interpreter(), &[&["-m", "pip", "install", "--quiet"], PACKAGES.as_slice()].concat())
 }
 
-/// Lets a command's tests run in that environment, where it is installed and no other is named.
+/// Lets a command's tests use this environment, if it is installed and `EIGENHAND_PYTHON` is not set.
 pub fn name_in(command: &mut Command) {
     let interpreter = interpreter();
     if std::env::var_os(PYTHON).is_none() && interpreter.is_file() {
@@ -44,7 +44,7 @@ pub fn name_in(command: &mut Command) {
     }
 }
 
-/// Lets the tests of a command fail where they would be skipped for want of Python.
+/// Lets a command's tests fail, instead of being skipped, if their Python packages are missing.
 pub fn require_in(command: &mut Command) {
     name_in(command);
     command.env(REQUIRED, "1");

@@ -7,19 +7,19 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 use eigenhand_cli::output::{Outcome, print};
 
-/// The run whose digits are compared, besides its directory.
+/// Arguments of the compared run, without its directory.
 const RUN: [&str; 6] = ["train", "--hand", "shadow", "--seed", "1", "--quiet"];
-/// Column that says how long a machine took.
+/// Column that differs from run to run.
 const WALL_TIME: &str = "wall_s";
-/// Time between two looks at the runs.
+/// Time between two checks of a run.
 const POLL: Duration = Duration::from_secs(1);
 
 /// Checks that a default training gives the same digits as another version of this program
 #[derive(clap::Args)]
 #[command(
     after_help = "Trains the shadow hand with the defaults, seed 1, until the evaluation at --episodes, and compares \
-    metrics.csv with that of the other version, column by column, wall time aside. Columns that one side lacks are named. \
-    Exit status 1 when a digit differs.\n\n\
+    metrics.csv with that of the other version, column by column, without the wall time. It names columns that only one \
+    version has. Exit status 1 if a digit or a column differs.\n\n\
     Examples:\n  cargo xtask same-digits --metrics before/metrics.csv\n  \
     cargo xtask same-digits --program ../before/target/release/xtask"
 )]
@@ -27,10 +27,10 @@ pub struct Args {
     /// metrics.csv of the other version
     #[arg(long, value_name = "FILE", required_unless_present = "program", conflicts_with = "program")]
     metrics: Option<PathBuf>,
-    /// Program of the other version, which trains first
+    /// Program of the other version; it trains first
     #[arg(long, value_name = "FILE")]
     program: Option<PathBuf>,
-    /// Training episodes until the last evaluation that is compared
+    /// Training episodes at the last evaluation that is compared
     #[arg(long, value_name = "N", default_value_t = 400)]
     episodes: u64,
 }
@@ -41,7 +41,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let before = match (&args.metrics, &args.program) {
         (Some(file), _) => file.clone(),
         (None, Some(program)) => train(program, &scratch.path().join("before"), args.episodes)?,
-        (None, None) => bail!("name --metrics or --program"),
+        (None, None) => bail!("give --metrics or --program"),
     };
     let own = std::env::current_exe().context("cannot find this program's own file")?;
     let after = train(&own, &scratch.path().join("after"), args.episodes)?;
@@ -71,18 +71,18 @@ fn train(program: &Path, run: &Path, episodes: u64) -> anyhow::Result<PathBuf> {
     Ok(metrics)
 }
 
-/// A training, which ends when it goes out of use.
+/// A training process; it is killed when this value is dropped.
 struct Training(Child);
 
 impl Drop for Training {
     fn drop(&mut self) {
-        // Its directory is removed next.
+        // Its directory is removed next, so nothing is lost.
         let _ = self.0.kill();
         let _ = self.0.wait();
     }
 }
 
-/// A metrics.csv as text, because digits are compared and not numbers.
+/// A metrics.csv as text, because the comparison is of digits and not of numbers.
 struct Table {
     columns: Vec<String>,
     rows: Vec<Vec<String>>,
@@ -92,7 +92,7 @@ impl Table {
     fn read(path: &Path) -> anyhow::Result<Table> {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
         let cells = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
-        // A last line without its end is being written.
+        // A last line without a line end is still being written.
         let whole = &text[..text.rfind('\n').map_or(0, |end| end + 1)];
         let mut lines = whole.lines().map(cells);
         let columns = lines.next().with_context(|| format!("{} is empty", path.display()))?;
@@ -127,7 +127,7 @@ fn compare(before: &Table, after: &Table, episodes: u64) -> anyhow::Result<Vec<S
         }
     }
     if compared == 0 {
-        bail!("there is no row up to episode {episodes} that both have");
+        bail!("the two metrics.csv have no common row up to episode {episodes}");
     }
     Ok(found)
 }

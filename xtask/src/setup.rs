@@ -7,7 +7,7 @@ use crate::python;
 
 /// Installs what the tests need: MuJoCo, and Python packages in a virtual environment below `target`
 #[derive(clap::Args)]
-#[command(after_help = "It says what it installs before it does so.\n\nExample:\n  cargo xtask setup")]
+#[command(after_help = "Prints each command before running it.\n\nExample:\n  cargo xtask setup")]
 pub struct Args {
     #[command(flatten)]
     install: setup::InstallArgs,

@@ -10,12 +10,12 @@ use crate::python;
 /// Runs all tests of the workspace
 #[derive(clap::Args)]
 #[command(
-    after_help = "Arguments are passed on to `cargo test`. Tests of the Python examples run where `cargo xtask setup` \
-    has installed what they need, or EIGENHAND_PYTHON names a Python that has it.\n\n\
+    after_help = "Passes its arguments on to `cargo test`. Tests of the Python examples need the packages that \
+    `cargo xtask setup` installs, or a Python in EIGENHAND_PYTHON that has these packages; else they are skipped.\n\n\
     Examples:\n  cargo xtask test\n  cargo xtask test -p eigenhand-synergy pca"
 )]
 pub struct Args {
-    /// Never installs a system package [also: EIGENHAND_NO_INSTALL=1]
+    /// Installs no system package [also: EIGENHAND_NO_INSTALL=1]
     #[arg(long)]
     no_install: bool,
     /// Arguments for `cargo test`

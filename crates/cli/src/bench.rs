@@ -17,29 +17,29 @@ use serde::Serialize;
 use crate::output::{Outcome, print, print_json, table};
 use crate::{search_path, setup};
 
-/// Sizes of minibatch that are measured.
+/// Sizes of the minibatches that are measured.
 const BATCHES: [usize; 2] = [256, 1024];
 const SECONDS: f64 = 10.0;
 
 /// Measures the speed of simulation, learner and training
 #[derive(clap::Args)]
 #[command(
-    after_help = "What is compared runs in turn in one process, and ratios are medians: trust them more than rates.\n\
-    Other implementations are measured too when bench/peers has a virtual environment for them (.venv), or\n\
-    EIGENHAND_PEERS_PYTHON names a Python that has their packages.\n\n\
+    after_help = "Compared alternatives run by turns, and a ratio is the median over the turns. So ratios are reliable also on a\n\
+    busy machine; rates are not. Other learners are measured too if their Python packages are installed in\n\
+    bench/peers/.venv, or for the Python that EIGENHAND_PEERS_PYTHON names.\n\n\
     Examples:\n  eigenhand bench\n  eigenhand bench learner --seconds 30 --json"
 )]
 pub struct Args {
     /// What to measure [default: all]
     #[arg(value_enum)]
     what: Option<What>,
-    /// Hand, by name or directory [default: that of the default configuration]
+    /// Hand, by name or directory [default: the hand of the default configuration]
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
-    /// Seconds for each measurement
+    /// Duration of each measurement in seconds
     #[arg(long, value_name = "S", default_value_t = SECONDS)]
     seconds: f64,
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
     /// Prints one JSON document on standard output
@@ -51,13 +51,13 @@ pub struct Args {
 
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum What {
-    /// The environment against bare mj_step calls
+    /// The environment, compared with bare mj_step calls
     Sim,
     /// Updates of the learner
     Learner,
     /// Rollouts and updates together
     Training,
-    /// Allocations in the loops of all three; needs a checkout of the repository
+    /// Memory allocations in the loops of simulation, learner and training; needs a checkout of the repository
     Allocations,
 }
 
@@ -130,8 +130,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn announce(what: &str, peers: &[Peer]) {
     let names: Vec<&str> = peers.iter().map(|peer| peer.name.as_str()).collect();
     match names.as_slice() {
-        [] => eprintln!("{what} ... (no peers: {} is not set and bench/peers has no .venv)", bench::PYTHON_VARIABLE),
-        names => eprintln!("{what} ... (in turn with {})", names.join(", ")),
+        [] => eprintln!("{what} ... (no other learners: {} is not set, and bench/peers has no .venv)", bench::PYTHON_VARIABLE),
+        names => eprintln!("{what} ... (by turns with {})", names.join(", ")),
     }
 }
 
@@ -140,7 +140,7 @@ fn say(json: bool, text: impl FnOnce() -> String) -> anyhow::Result<()> {
 }
 
 fn describe_sim(found: &[SimSpeed]) -> String {
-    let heads = ["simulation", "env steps/s", "mj_step/s", "env over mj_step", "scaling", "mj_step's", "reset"];
+    let heads = ["simulation", "env steps/s", "mj_step/s", "time over mj_step", "scaling", "mj_step scaling", "reset"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     for speed in found {
         rows.push(vec![
@@ -155,7 +155,7 @@ fn describe_sim(found: &[SimSpeed]) -> String {
     }
     let mut text = table(&rows);
     if found.iter().any(|speed| !speed.identical) {
-        text.push_str("warning: the two sides did not end in the same states, so they are not comparable\n");
+        text.push_str("warning: environment and bare mj_step ended in different states, so their speeds are not comparable\n");
     }
     text.push('\n');
     text
@@ -169,9 +169,9 @@ fn describe_learner(found: &[LearnerSpeed]) -> String {
         "two threads",
         "GFLOP/s",
         "sgemm",
-        "share",
+        "of sgemm",
         "peak",
-        "share",
+        "of peak",
     ];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     let mut text = String::new();
@@ -192,11 +192,11 @@ fn describe_learner(found: &[LearnerSpeed]) -> String {
     format!("{}{text}\n", table(&rows))
 }
 
-/// Runs the program whose allocator counts, which takes a checkout.
+/// Runs the benchmark whose allocator counts; it needs a checkout of the repository.
 fn count_allocations(args: &Args) -> anyhow::Result<AllocationCounts> {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(["bench", "--quiet", "--package", "eigenhand-bench", "--bench", "allocations", "--"]);
-    // Cargo runs it in the directory of its package.
+    // Cargo runs it in its package's directory, so paths must be absolute.
     let complete = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
     if let Some(hand) = &args.hand {
         let named = !hand.contains(std::path::MAIN_SEPARATOR);
@@ -207,9 +207,9 @@ fn count_allocations(args: &Args) -> anyhow::Result<AllocationCounts> {
     let text = String::from_utf8_lossy(&output.stdout);
     match text.lines().rev().find(|line| !line.trim().is_empty()) {
         Some(line) if output.status.success() => {
-            serde_json::from_str(line).with_context(|| format!("the allocations are {line:?}"))
+            serde_json::from_str(line).with_context(|| format!("cannot read the allocation counts {line:?}"))
         }
-        _ => bail!("the allocations could not be counted ({}): see above", output.status),
+        _ => bail!("counting the allocations failed ({}); the reason is above", output.status),
     }
 }
 
@@ -229,7 +229,7 @@ fn describe_allocations(found: &AllocationCounts) -> String {
 fn describe_peers(what: &str, peers: &[PeerSpeed], failed: &[String]) -> String {
     let compared = peers.iter().map(|peer| {
         let (ours, theirs, ratio) = (peer.ours_per_s, peer.updates_per_s, peer.ratio);
-        format!("{what}: {ours:.1} updates/s in turn with {} at {theirs:.1}: {ratio:.2} times as fast\n", peer.name)
+        format!("{what}: {ours:.1} updates/s, {} {theirs:.1} updates/s: {ratio:.2} times as fast\n", peer.name)
     });
     compared.chain(failed.iter().map(|reason| format!("{what}: not compared: {reason}\n"))).collect()
 }
@@ -237,7 +237,7 @@ fn describe_peers(what: &str, peers: &[PeerSpeed], failed: &[String]) -> String 
 fn describe_memory(found: &TrainingMemory) -> String {
     match found.peak_mb {
         Some(mb) => format!("peak memory with a replay of {} episodes: {mb:.0} MB\n\n", found.replay_episodes),
-        None => "peak memory: this system does not tell\n\n".to_owned(),
+        None => "peak memory: not available on this system\n\n".to_owned(),
     }
 }
 

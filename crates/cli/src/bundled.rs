@@ -1,7 +1,7 @@
 //! The hands that come with the program.
 //!
-//! They are compiled in, as hands are directories, and written once into the user's cache, in a directory that is named by
-//! their digest. A compiled plugin is not among them: its library is built in a checkout.
+//! Their directories are compiled into the program. They are written once into the user's cache, in a directory with their
+//! digest as its name. Compiled plugins are not among them, because their libraries are built in a checkout.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ static PLUGINS: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../plugins");
 /// Characters of the digest that name the directory.
 const DIGITS: usize = 16;
 
-/// Returns the directory of the bundled hands, which it writes if it is not there yet.
+/// Returns the directory of the bundled hands, and writes it first if it does not exist.
 pub(crate) fn directory() -> anyhow::Result<PathBuf> {
     let project = ProjectDirs::from("", "", "eigenhand").context("there is no home directory; set HOME")?;
     write_below(project.cache_dir())
@@ -33,7 +33,7 @@ fn write_below(cache: &Path) -> anyhow::Result<PathBuf> {
         return Ok(directory);
     }
     create_directory(cache)?;
-    // Removed with all that is in it where a line below fails.
+    // Removed with its contents if a line below fails.
     let partial = tempfile::Builder::new().prefix(".hands-").tempdir_in(cache).map_err(cannot("write in", cache))?;
     for hand in hands {
         let place = partial.path().join(hand.path());

@@ -11,14 +11,14 @@ use serde::Serialize;
 use crate::output::{Outcome, print, print_json};
 use crate::{program, search_path, setup};
 
-/// Directory of the runs, where `train` puts them unless told otherwise.
+/// Directory into which `train` writes runs by default.
 const RUNS: &str = "runs";
 
-/// Says what this machine lacks, and the command that mends it
+/// Checks this machine, and names the command that installs a missing part
 #[derive(clap::Args)]
-#[command(after_help = "Exit status 1 when something that is required is missing.\n\nExample:\n  eigenhand doctor")]
+#[command(after_help = "Exit status 1 if a required part is missing.\n\nExample:\n  eigenhand doctor")]
 pub struct Args {
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
     /// Prints one JSON document on standard output
@@ -26,14 +26,14 @@ pub struct Args {
     json: bool,
 }
 
-/// One thing that the machine has or lacks.
+/// One part that the machine has or lacks.
 #[derive(Serialize)]
 struct Finding {
     name: &'static str,
     ok: bool,
     required: bool,
     detail: String,
-    /// What to type or change, where something is missing.
+    /// The command to type or the thing to change, if the part is missing.
     mend: Option<String>,
 }
 
@@ -74,8 +74,8 @@ fn describe(diagnosis: &Diagnosis) -> String {
     }
     let missing = diagnosis.findings.iter().filter(|finding| finding.required && !finding.ok).count();
     text.push_str(&match missing {
-        0 => "everything that is required is here\n".to_owned(),
-        n => format!("{n} required {} missing\n", if n == 1 { "thing is" } else { "things are" }),
+        0 => "all required parts are present\n".to_owned(),
+        n => format!("{n} required {} missing\n", if n == 1 { "part is" } else { "parts are" }),
     });
     text
 }
@@ -87,7 +87,7 @@ fn mujoco() -> Finding {
             let mend = if std::env::var_os(LIBRARY_VARIABLE).is_some_and(|value| !value.is_empty()) {
                 format!("unset {LIBRARY_VARIABLE}")
             } else {
-                format!("sudo {}    ({} does it too, after saying so)", setup::install_line(), program::line("train"))
+                format!("sudo {}    ({} installs it too)", setup::install_line(), program::line("train"))
             };
             (false, error.to_string(), Some(mend))
         }
@@ -100,7 +100,7 @@ fn compiler() -> Finding {
     let mend = found.is_none().then(|| "sudo apt-get install -y build-essential".to_owned());
     let detail = match found {
         Some((_, version)) => version,
-        None => "no cc, gcc or clang: they link Rust programs and build the bundled SQLite".to_owned(),
+        None => "cc, gcc or clang not found; Rust needs one of them to link programs and to build SQLite".to_owned(),
     };
     Finding { name: "C compiler", ok: mend.is_none(), required: true, detail, mend }
 }
@@ -119,7 +119,7 @@ fn runs() -> Finding {
         Ok(()) => (format!("{} can be written", shown.display()), None),
         Err(error) => (
             format!("{} cannot be written: {error}", shown.display()),
-            Some(format!("name a directory of yours with: {}", program::line("train --hand NAME --out DIR"))),
+            Some(format!("choose a directory that you can write to: {}", program::line("train --hand NAME --out DIR"))),
         ),
     };
     Finding { name: "runs", ok: mend.is_none(), required: true, detail, mend }
@@ -129,7 +129,7 @@ fn hands(plugins: &[PathBuf]) -> Finding {
     let finding = |ok, detail, mend| Finding { name: "hands", ok, required: true, detail, mend };
     let registry = match Registry::discover(&search_path(plugins)) {
         Ok(registry) => registry,
-        Err(error) => return finding(false, error.to_string(), Some("correct or unset that name".to_owned())),
+        Err(error) => return finding(false, error.to_string(), Some("correct or remove this entry of --plugins or EIGENHAND_PLUGINS".to_owned())),
     };
     let broken: Vec<String> = registry
         .list()
@@ -139,13 +139,13 @@ fn hands(plugins: &[PathBuf]) -> Finding {
     let sound: Vec<&str> =
         registry.list().iter().filter(|entry| entry.hand.is_ok()).map(|entry| entry.name.as_str()).collect();
     if sound.is_empty() && broken.is_empty() {
-        let mend = "run it in the workspace, or name a directory of hands with --plugins".to_owned();
-        return finding(false, "none were found".to_owned(), Some(mend));
+        let mend = "run this in a checkout of the repository, or name a directory of hands with --plugins".to_owned();
+        return finding(false, "no hands were found".to_owned(), Some(mend));
     }
     let mut detail = sound.join(", ");
     if !broken.is_empty() {
-        detail = format!("{}\nbroken: {}", if sound.is_empty() { "none is sound" } else { &detail }, broken.join("\n"));
-        return finding(false, detail, Some("correct the file that is named, or move the hand away".to_owned()));
+        detail = format!("{}\nbroken: {}", if sound.is_empty() { "no hand is usable" } else { &detail }, broken.join("\n"));
+        return finding(false, detail, Some("correct the file in the message, or move the hand's directory away".to_owned()));
     }
     finding(true, detail, None)
 }
@@ -155,11 +155,11 @@ fn python() -> Finding {
     let (detail, mend) = match (first_line("python3", &["--version"]), first_line("python3", &["-c", script])) {
         (Some(version), Some(packages)) => (format!("{version}, {packages}"), None),
         (Some(version), None) => (
-            format!("{version} without the packages mujoco and numpy, which examples/python needs"),
+            format!("{version} without the packages mujoco and numpy; examples/python needs them"),
             Some("python3 -m venv .venv && .venv/bin/pip install mujoco numpy".to_owned()),
         ),
         (None, _) => (
-            "no python3, which examples/python needs".to_owned(),
+            "python3 not found; examples/python needs it".to_owned(),
             Some("sudo apt-get install -y python3 python3-venv".to_owned()),
         ),
     };

@@ -9,14 +9,14 @@ use crate::{search_path, setup};
 
 const EPISODES: u64 = 200;
 
-/// Measures a run's success without exploration, on episodes that training never drew
+/// Measures the success rate of a run's policy, without exploration and on new episodes
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
     eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.object_friction=[0.8,0.01,0.002]'")]
 pub struct Args {
     /// Run directory
     run: PathBuf,
-    /// Episodes, the objects in turn
+    /// Number of episodes; the objects take turns
     #[arg(long, value_name = "N", default_value_t = EPISODES, value_parser = clap::value_parser!(u64).range(1..))]
     episodes: u64,
     /// Seed of the episodes
@@ -25,10 +25,10 @@ pub struct Args {
     /// Threads that simulate; 0 means one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: usize,
-    /// One setting of the scene, other than in training, such as physics.noslip_iterations=0; can be given several times
+    /// Changes one setting of the scene, such as physics.noslip_iterations=0; can be given several times
     #[arg(long = "set", value_name = "KEY=VALUE")]
     assignments: Vec<String>,
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
     /// Prints one JSON document on standard output
@@ -48,7 +48,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !args.json {
         let hand = &run.hand.manifest.name;
         eprintln!(
-            "evaluating {hand} of {} on {} fresh episodes, seed {}{}{}",
+            "evaluating the hand {hand} of {} on {} new episodes, seed {}{}{}",
             args.run.display(),
             args.episodes,
             args.seed,
@@ -82,12 +82,12 @@ fn describe(found: &Assessment) -> String {
     rows.push(row(name, found.successes, found.episodes, found.success_rate, found.interval));
     let mut text = table(&rows);
     text.push_str(&format!(
-        "at the end the object is {:.1} cm from the goal on average",
+        "mean distance from the object to the goal at the end: {:.1} cm",
         100.0 * found.mean_final_distance_m
     ));
     if found.successes > 0 {
         let depth = 1000.0 * found.mean_penetration_m;
-        text.push_str(&format!(", and {depth:.1} mm deep in the hand's surface in successes"));
+        text.push_str(&format!("\nmean penetration between object and hand in successes: {depth:.1} mm"));
     }
     text.push('\n');
     if found.diverged > 0 {

@@ -8,7 +8,7 @@ use serde::Serialize;
 use crate::output::{Outcome, print, print_json};
 use crate::{search_path, setup};
 
-/// Writes what a controller takes home from a run: the synergy, the policy, and scenes for plain MuJoCo
+/// Exports a run for other programs: the synergy, the policy, and scenes for plain MuJoCo
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  eigenhand export runs/shadow-quick-l1-s1-1 --out my-shadow")]
 pub struct Args {
@@ -17,7 +17,7 @@ pub struct Args {
     /// Directory to write: new, empty, or an earlier export
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
     /// Prints one JSON document on standard output
@@ -48,7 +48,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let listed: String = files.iter().map(|file| format!("{}\n", file.display())).collect();
     print(&listed)?;
     if !files.iter().any(|file| file.ends_with("synergy/synergy.toml")) {
-        eprintln!("note: the run has too few postures for a synergy, so only policy and scenes were written");
+        eprintln!("note: the run has too few postures for a synergy, so only the policy and the scenes were written");
     }
     Ok(Outcome::Done)
 }

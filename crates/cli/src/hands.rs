@@ -31,11 +31,11 @@ enum Command {
     /// Shows a hand's joints, actuators and settings, and where each setting comes from
     #[command(after_help = "Example:\n  eigenhand hands show shadow")]
     Show(NamedArgs),
-    /// Runs the hand contract: what a hand must do in the simulator before it is worth training, and draws the hand
+    /// Tests a hand in the simulator before training (the hand contract), and draws it
     #[command(after_help = "Examples:\n  eigenhand hands check shadow\n  \
                             eigenhand hands check ../my-hands/gripper --picture gripper.png")]
     Check(CheckArgs),
-    /// Makes a hand's directory from its model file, MJCF or URDF
+    /// Makes a hand's directory from its model file (MJCF or URDF)
     #[command(after_help = "Examples:\n  eigenhand hands new gripper --from 2f85.xml --out ../my-hands/gripper\n  \
                             eigenhand hands new my-hand --from my_hand.urdf --package my_description=../my_description\n  \
                             eigenhand hands check my-hand\n  \
@@ -45,7 +45,7 @@ enum Command {
 
 #[derive(clap::Args)]
 struct ListArgs {
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
     /// Prints one JSON document on standard output
@@ -66,10 +66,10 @@ struct NamedArgs {
 struct CheckArgs {
     #[command(flatten)]
     named: NamedArgs,
-    /// PNG file of the hand above the table with each object [default: runs/hands/<name>.png]
+    /// PNG file for a picture of the hand above the table with each object [default: runs/hands/<name>.png]
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
-    /// Draws nothing
+    /// Draws no picture
     #[arg(long, conflicts_with = "picture")]
     no_picture: bool,
     #[command(flatten)]
@@ -80,20 +80,20 @@ struct CheckArgs {
 struct NewArgs {
     /// Name of the hand: lower-case letters, digits, `-` and `_`
     name: String,
-    /// Model file as its maker publishes it: MJCF (.xml) or URDF
+    /// Model file from the hand's maker: MJCF (.xml) or URDF
     #[arg(long, value_name = "FILE")]
     from: PathBuf,
-    /// The hand's directory, which is made [default: plugins/NAME]
+    /// Directory to make for the hand [default: plugins/NAME]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Directory of a ROS package that the file names; can be given several times
+    /// Directory of a ROS package that the model file refers to; can be given several times
     #[arg(long = "package", value_name = "NAME=DIR", value_parser = package)]
     packages: Vec<(String, PathBuf)>,
-    /// Body or link of the palm [default: what carries all fingers]
+    /// Body or link of the palm [default: the body that carries all fingers]
     #[arg(long, value_name = "LINK")]
     palm: Option<String>,
-    /// Direction in the palm's frame in which the hand approaches an object: +x, -y, ... or x,y,z [default: where its
-    /// fingers reach]
+    /// Direction, in the palm's frame, in which the hand approaches an object: +x, -y, ... or x,y,z [default: the direction
+    /// in which its fingers reach]
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     approach: Option<[f64; 3]>,
     /// Prints one JSON document on standard output
@@ -237,7 +237,7 @@ fn describe_hand(hand: &HandSummary) -> String {
         hand.posture.iter().map(|j| vec![j.name.clone(), range(j.range), j.unit.to_owned()]).collect(),
     );
     section(
-        "actuators, without the slide's",
+        "actuators, without that of the slide",
         hand.actuators
             .iter()
             .map(|a| {
@@ -264,7 +264,7 @@ fn describe_hand(hand: &HandSummary) -> String {
     );
     section("changed or assumed while the model was read", hand.notes.iter().map(|note| vec![note.clone()]).collect());
     section(
-        "settings, and who set them",
+        "settings, and where they come from",
         hand.values
             .iter()
             .map(|v| vec![v.key.clone(), format!("{:?}", v.origin).to_lowercase(), v.value.to_string()])
@@ -324,7 +324,7 @@ fn new(args: &NewArgs) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Says what the contract found, one line for each check.
+/// Describes the results of the contract, one line for each check.
 pub fn describe(report: &ContractReport) -> String {
     let width = report.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
     let mut text = String::new();
@@ -334,8 +334,8 @@ pub fn describe(report: &ContractReport) -> String {
     }
     let failed = report.checks.iter().filter(|check| !check.passed).count();
     let verdict = match failed {
-        0 => "keeps the hand contract".to_owned(),
-        n => format!("fails {n} of {} checks", report.checks.len()),
+        0 => "passes the hand contract".to_owned(),
+        n => format!("fails {n} of {} checks of the hand contract", report.checks.len()),
     };
     text.push_str(&format!("hand {} {verdict}\n", report.hand));
     text

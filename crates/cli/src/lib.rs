@@ -1,5 +1,5 @@
-//! The commands of the program `eigenhand`, which `cargo xtask` has too: each parses its arguments, calls the libraries,
-//! and prints.
+//! The commands of the program `eigenhand`. Each parses its arguments, calls the libraries and prints. `cargo xtask` has the
+//! same commands.
 // The doc comments of arguments are what --help prints, with placeholders in angle brackets.
 #![allow(rustdoc::invalid_html_tags)]
 #![forbid(unsafe_code)]
@@ -28,10 +28,10 @@ use crate::output::Outcome;
 pub use places::search_path;
 pub use program::{check_examples, speak_as};
 
-/// Exit status of a wrong command line, as clap has it too.
+/// Exit status of a wrong command line; clap uses the same.
 const USAGE: u8 = 2;
 
-/// What a user can ask for.
+/// The commands for users.
 #[derive(Subcommand)]
 pub enum Command {
     #[allow(missing_docs)]
@@ -58,7 +58,7 @@ impl Command {
     /// Runs the command.
     ///
     /// # Errors
-    /// Whatever went wrong, in words for the user.
+    /// The first error, with a message for the user.
     pub fn run(&self) -> anyhow::Result<Outcome> {
         match self {
             Command::Train(args) => train::run(args),
@@ -74,7 +74,7 @@ impl Command {
     }
 }
 
-/// Reports how a command ended, and returns the exit status that says so: 0 for success, 1 for a failure, 2 for a wrong
+/// Reports a command's error, if it has one, and returns the exit status: 0 for success, 1 for a failure, 2 for a wrong
 /// command line, 130 after Ctrl-C.
 pub fn exit(outcome: anyhow::Result<Outcome>) -> ExitCode {
     match outcome {

@@ -10,7 +10,7 @@ use eigenhand_cli::Command;
 #[command(
     name = "eigenhand",
     version,
-    about = "Acquires the postural synergies of a robot hand by reinforcement learning in MuJoCo",
+    about = "Trains robot hands in MuJoCo to grasp, and computes their postural synergies",
     after_help = "Example:\n  eigenhand train --hand shadow --preset quick",
     disable_help_subcommand = true
 )]

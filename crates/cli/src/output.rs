@@ -1,4 +1,4 @@
-//! What every command prints in the same way.
+//! Output that all commands share.
 
 use std::io::{ErrorKind, Write};
 
@@ -9,17 +9,17 @@ use eigenhand_report::ReportError;
 use eigenhand_train::TrainError;
 use serde::Serialize;
 
-/// How a command ended that did what it was asked for.
+/// How a command ended, if it had no error.
 pub enum Outcome {
     /// With success.
     Done,
-    /// It found a failure and has said so.
+    /// It found a failure and has reported it.
     Failed,
     /// The user interrupted it.
     Interrupted,
 }
 
-/// Writes to standard output; a reader that has gone away, as `head` does, is no failure.
+/// Writes to standard output. It is no error if the reader has closed the pipe, as `head` does.
 pub fn print(text: &str) -> anyhow::Result<()> {
     let mut out = std::io::stdout().lock();
     match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
@@ -35,7 +35,7 @@ pub fn print_json(value: &impl Serialize) -> anyhow::Result<()> {
     print(&text)
 }
 
-/// Writes an error with its causes to standard error, leaving out what a message repeats.
+/// Writes an error with its causes to standard error, without causes that the message repeats.
 pub fn report(error: &anyhow::Error) {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
@@ -46,7 +46,7 @@ pub fn report(error: &anyhow::Error) {
     eprintln!("error: {}", text.trim_end());
 }
 
-/// Tells whether the command line was at fault.
+/// Tells whether the command line is wrong.
 pub fn is_usage(error: &anyhow::Error) -> bool {
     let of_hand =
         |error: &HandError| matches!(error, HandError::UnknownHand { .. } | HandError::NoPluginDirectory { .. });
@@ -65,12 +65,12 @@ pub fn is_usage(error: &anyhow::Error) -> bool {
     })
 }
 
-/// Lays out rows in columns: the first to the left, the others to the right.
+/// Aligns rows in columns: the first column to the left, the others to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
     aligned(rows, false)
 }
 
-/// Lays out rows in columns, all to the left.
+/// Aligns rows in columns, all to the left.
 pub fn table_left(rows: &[Vec<String>]) -> String {
     aligned(rows, true)
 }

@@ -4,14 +4,14 @@ use std::sync::OnceLock;
 
 use clap::builder::StyledStr;
 
-/// How the texts of this crate name the program.
+/// The program's name in the texts of this crate.
 const NAME: &str = "eigenhand";
 
 static SPOKEN: OnceLock<&'static str> = OnceLock::new();
 
-/// Makes the examples of `command`, and everything that is printed from now on, name the program as `name`.
+/// Sets the program's name in the examples of `command` and in everything that is printed later.
 pub fn speak_as(name: &'static str, command: clap::Command) -> clap::Command {
-    // The first name stays: a process has one.
+    // Only the first call has an effect: a process has one name.
     let _ = SPOKEN.set(name);
     rename(command, name)
 }
@@ -38,7 +38,7 @@ pub(crate) fn line(arguments: &str) -> String {
 /// Asserts that the help of every command ends with an example that starts the program as `name`.
 ///
 /// # Panics
-/// When one does not; for tests.
+/// When a command has no such example. This is for tests.
 pub fn check_examples(command: &clap::Command, name: &str) {
     for inner in command.get_subcommands() {
         if inner.has_subcommands() {

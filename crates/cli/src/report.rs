@@ -7,27 +7,27 @@ use serde::Serialize;
 
 use crate::output::{Outcome, percent, print, print_json, table};
 
-/// Directory of a report beside or in what it is on.
+/// Name of a report's directory by default.
 const DIRECTORY: &str = "report";
 
 const EXAMPLES: &str = "\
-A run may be unfinished: its curves so far are shown, and it is named as missing from the results.
+Runs may be unfinished: the report shows their curves so far, and says that their results are missing.
 
 Examples:
   eigenhand report runs/shadow-default-l1-s1-1 runs/shadow-default-l0-s1-1 --out lambda
   eigenhand report runs/reproduce-shadow-default";
 
-/// Writes an HTML page with figures, tables and statistics on runs
+/// Writes an HTML page with figures, tables and statistics of runs
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Run directories, or directories of them
+    /// Run directories, or directories that contain run directories
     #[arg(required = true, value_name = "RUN")]
     runs: Vec<PathBuf>,
-    /// Directory for the report [default: report, in the one that is named or else here]
+    /// Directory for the report [default: report, inside RUN if there is only one]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Prints what the report says as JSON on standard output
+    /// Prints the report as JSON on standard output
     #[arg(long)]
     json: bool,
 }
@@ -52,12 +52,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Writes the report of a directory of runs into it.
+/// Writes the report of a directory of runs into this directory.
 pub fn of_directory(directory: &Path) -> anyhow::Result<Report> {
     Ok(write(&read_runs(&[directory.to_owned()])?, &directory.join(DIRECTORY))?)
 }
 
-/// Prints what a report says.
+/// Prints the results of a report.
 pub fn show(report: &Report, json: bool) -> anyhow::Result<()> {
     if json {
         return print_json(&Printed { page: &report.page, analysis: &report.analysis });

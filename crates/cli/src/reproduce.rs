@@ -28,20 +28,20 @@ const CORES_PER_RUN: usize = 2;
 const LINE_EVERY: Duration = Duration::from_secs(30);
 
 const EXAMPLES: &str = "\
-Each run is a process of its own and has a directory l<lambda>-s<seed>, with what it printed in l<lambda>-s<seed>.log
-beside it. The same command again goes on where it stopped: complete runs are kept, interrupted ones resumed. Ctrl-C
-stops all of them with everything saved (exit status 130); Ctrl-C again stops at once.
+Each run is a separate process, with its own directory l<lambda>-s<seed> and its output in l<lambda>-s<seed>.log. To
+continue after an interruption, give the same command again: it keeps complete runs and resumes the others. Ctrl-C
+saves and stops all runs (exit status 130); a second Ctrl-C stops them at once.
 
 Examples:
   eigenhand reproduce --lambda 0,0.5,1 --seeds 1,2,3 --out runs/three-lambdas
   eigenhand reproduce --preset quick --seeds 3 --set learner.gamma=0.95
   eigenhand reproduce";
 
-/// Trains the paper's experiment, lambda 0 and 1 over several seeds, and writes the report on it
+/// Repeats the paper's experiment: trains with lambda 0 and 1 for several seeds, and writes a report
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Hand to train, by name or directory [default: shadow, or what the configuration file names]
+    /// Hand to train, by name or directory [default: shadow, or the hand in the configuration file]
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
     #[command(flatten)]
@@ -49,16 +49,16 @@ pub struct Args {
     /// Weights of the synergy's feedback, separated by commas
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
     lambda: Vec<f64>,
-    /// Number of seeds, from 1 on, or a list such as 1,2,5 or 4-8
+    /// Number of seeds (5 means 1 to 5), or a list such as 1,2,5 or 4-8
     #[arg(long, value_name = "SEEDS", default_value = "5", value_parser = parse_seeds)]
     seeds: Seeds,
-    /// Runs side by side [default: one for every two cores]
+    /// Number of runs at a time [default: one for every two cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     jobs: Option<u64>,
     /// Directory of the runs [default: runs/reproduce-<hand>-<preset>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Prints what the report says as JSON on standard output
+    /// Prints the report as JSON on standard output
     #[arg(long)]
     json: bool,
     /// Shows no progress
@@ -81,8 +81,8 @@ fn parse_seeds(text: &str) -> Result<Seeds, String> {
     };
     let range = |first: u64, last: u64| match last.checked_sub(first) {
         Some(more) if more < MOST => Ok((first..=last).collect::<Vec<u64>>()),
-        Some(_) => Err(format!("these are more than {MOST} seeds")),
-        None => Err(format!("{first}-{last} is empty: the first is greater than the last")),
+        Some(_) => Err(format!("expected at most {MOST} seeds")),
+        None => Err(format!("the range {first}-{last} is empty: its first seed is greater than its last")),
     };
     if !text.contains([',', '-']) {
         return match number(text)? {
@@ -149,14 +149,14 @@ impl Args {
         Request { settings, lambdas: self.lambda.clone(), seeds: self.seeds.0.clone(), out: self.out.clone() }
     }
 
-    /// The hand that is named, or the paper's where no other layer can name one.
+    /// Returns the hand of the option; without it, the paper's hand, unless another layer can name one.
     fn hand(&self) -> Option<String> {
         let SettingsArgs { config, assignments, .. } = &self.settings;
         let elsewhere = config.is_some() || assignments.iter().any(|a| a.trim_start().starts_with("hand"));
         self.hand.clone().or_else(|| (!elsewhere).then(|| HAND.to_owned()))
     }
 
-    /// Arguments of this program that train a member, or resume it.
+    /// Returns the arguments with which this program trains or resumes a member.
     fn arguments(&self, member: &Member, workers: usize) -> Vec<std::ffi::OsString> {
         let mut arguments = vec!["train".into(), "--no-install".into(), "--workers".into(), workers.to_string().into()];
         let mut option = |name: &str, value: std::ffi::OsString| arguments.extend([name.into(), value]);
@@ -189,7 +189,7 @@ fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
     let names: Vec<&str> = members.iter().map(|member| member.name.as_str()).collect();
     format!(
         "runs      {}/\nhand      {hand}, preset {}\ntraining  {} of {} episodes: {}\n          {complete} complete, \
-         {interrupted} to be resumed, {jobs} side by side with {} each\n",
+         {interrupted} to be resumed, {jobs} at a time with {} each\n",
         directory.display(),
         config.preset.name(),
         counted(members.len(), "run"),
@@ -199,8 +199,8 @@ fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
     )
 }
 
-/// Returns this program for starting it again: where the system can, the very one that runs, also when its file has been
-/// built anew meanwhile, so that all runs are made by the same.
+/// Returns a path to this program, for starting it again. On Linux, the path leads to the running program even if its file
+/// has been rebuilt since, so that the same program makes all runs.
 fn own_program() -> anyhow::Result<PathBuf> {
     let running = PathBuf::from("/proc/self/exe");
     if running.exists() { Ok(running) } else { std::env::current_exe().context("cannot find this program's own file") }
@@ -213,14 +213,14 @@ fn count_signals() -> anyhow::Result<Arc<AtomicUsize>> {
     ctrlc::set_handler(move || {
         if counter.fetch_add(1, Ordering::Relaxed) == 0 {
             let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
-            eprintln!("{newline}stopping all runs with everything saved; Ctrl-C again stops at once{newline}");
+            eprintln!("{newline}saving and stopping all runs; Ctrl-C again stops at once{newline}");
         }
     })
     .context("cannot listen for Ctrl-C")?;
     Ok(stop)
 }
 
-/// The command line as it can be typed again.
+/// Returns the command line in a form that can be typed again.
 fn same_command() -> String {
     let word = |word: String| {
         let plain = |c: char| c.is_ascii_alphanumeric() || "-_=./,:+@%".contains(c);

@@ -1,4 +1,4 @@
-//! Installing the system package that the simulator needs, where the system can.
+//! Installing MuJoCo's system package, on systems that have it.
 
 use std::io::IsTerminal;
 use std::path::Path;
@@ -18,27 +18,27 @@ pub const NO_INSTALL_VARIABLE: &str = "EIGENHAND_NO_INSTALL";
 /// Whether a missing system package may be installed.
 #[derive(clap::Args, Clone, Copy, Debug, Default)]
 pub struct InstallArgs {
-    /// Never installs a system package [also: EIGENHAND_NO_INSTALL=1]
+    /// Installs no system package [also: EIGENHAND_NO_INSTALL=1]
     #[arg(long)]
     pub no_install: bool,
 }
 
-/// How a command of the system administrator can be run here.
+/// How this process can run a command as root.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Privilege {
-    /// This process may.
+    /// This process is root.
     Root,
-    /// `sudo` asks for nothing.
+    /// `sudo` works without a password.
     Sudo,
     /// `sudo` asks for the password on the terminal.
     SudoAsking,
 }
 
-/// Does `work`; when that fails for want of MuJoCo, installs Debian's package, where that is possible and allowed, and
-/// does it again. So whatever else is wrong with a command is said before anything is installed.
+/// Runs `work`. If it fails because MuJoCo is missing, installs Debian's package, if possible and allowed, and runs `work`
+/// again. So every other fault of a command is reported before anything is installed.
 ///
 /// # Errors
-/// Those of `work`, or what went wrong while installing.
+/// The errors of `work`, or of the installation.
 pub fn with_mujoco<T, E>(args: &InstallArgs, work: impl Fn() -> Result<T, E>) -> anyhow::Result<T>
 where
     anyhow::Error: From<E>,
@@ -48,7 +48,7 @@ where
         Err(missing) if is_missing_library(&missing) => {
             mend(args, missing)?;
             work().map_err(|error| match is_missing_library(&error) {
-                true => error.context(format!("{PACKAGE} was installed, but does not load")),
+                true => error.context(format!("{PACKAGE} was installed, but MuJoCo does not load")),
                 false => error,
             })
         }
@@ -64,7 +64,7 @@ pub fn ensure_mujoco(args: &InstallArgs) -> anyhow::Result<()> {
     with_mujoco(args, || MuJoCo::load().map(|_| ()))
 }
 
-/// Tells whether no libmujoco could be opened, which installing it mends.
+/// Tells whether libmujoco is missing, so that installing the package helps.
 pub fn is_missing_library(error: &anyhow::Error) -> bool {
     let found = |error: &MuJoCoError| matches!(error, MuJoCoError::LibraryMissing { .. });
     let within_train = |error: &TrainError| match error {
@@ -81,7 +81,7 @@ pub fn is_missing_library(error: &anyhow::Error) -> bool {
         || error.downcast_ref::<BenchError>().is_some_and(within_bench)
 }
 
-/// Installs the package, or says why not.
+/// Installs the package, or returns the reason against it.
 fn mend(args: &InstallArgs, missing: anyhow::Error) -> anyhow::Result<()> {
     if args.no_install || is_set(NO_INSTALL_VARIABLE) || is_set(LIBRARY_VARIABLE) || !is_debian() {
         return Err(missing);
@@ -89,8 +89,8 @@ fn mend(args: &InstallArgs, missing: anyhow::Error) -> anyhow::Result<()> {
     match privilege() {
         Some(privilege) => install(privilege),
         None => bail!(
-            "MuJoCo is missing, and installing it takes root: run `{}` as root, then this command again (or set \
-             {LIBRARY_VARIABLE} to a libmujoco.so.2.2.2)",
+            "MuJoCo is missing, and only root can install it: run `{}` as root, then this command again (or set \
+             {LIBRARY_VARIABLE} to the path of a libmujoco.so.2.2.2)",
             install_line()
         ),
     }
@@ -112,21 +112,21 @@ fn install(privilege: Privilege) -> anyhow::Result<()> {
         eprintln!("  {prefix}apt-get update");
     }
     eprintln!("  {prefix}{}", install_line());
-    eprintln!("(forbid it with --no-install or {NO_INSTALL_VARIABLE}=1, or name a library with {LIBRARY_VARIABLE})");
+    eprintln!("(to prevent this, use --no-install or set {NO_INSTALL_VARIABLE}=1; to use another library, set {LIBRARY_VARIABLE})");
     if !known {
         apt(privilege, &["update"])?;
         if !has_candidate() {
             bail!(
-                "no package {PACKAGE} is on offer: it is part of Debian 12 (bookworm), in the section main; on another \
-                 system set {LIBRARY_VARIABLE} to a libmujoco.so.2.2.2"
+                "apt does not offer the package {PACKAGE}: it is part of Debian 12 (bookworm), section main; on another \
+                 system, set {LIBRARY_VARIABLE} to the path of a libmujoco.so.2.2.2"
             );
         }
     }
     let install = ["install", "-y", "--no-install-recommends", PACKAGE];
     match apt(privilege, &install) {
         Err(_) if known => {
-            // Package lists that are too old name files that are gone.
-            eprintln!("that failed; once more with fresh package lists:");
+            // Old package lists name files that no longer exist.
+            eprintln!("this failed; trying again with new package lists:");
             apt(privilege, &["update"])?;
             apt(privilege, &install)
         }
@@ -134,7 +134,7 @@ fn install(privilege: Privilege) -> anyhow::Result<()> {
     }
 }
 
-/// Runs apt-get with its output on standard error, as standard output may be for JSON.
+/// Runs apt-get with its output on standard error, because standard output may be for JSON.
 fn apt(privilege: Privilege, arguments: &[&str]) -> anyhow::Result<()> {
     let mut command = match privilege {
         Privilege::Root => Command::new("apt-get"),
@@ -185,7 +185,7 @@ fn privilege() -> Option<Privilege> {
     (has_sudo && std::io::stdin().is_terminal()).then_some(Privilege::SudoAsking)
 }
 
-/// Tells whether the system is Debian or made from it.
+/// Tells whether the system is Debian or derived from it.
 pub fn is_debian() -> bool {
     Path::new("/usr/bin/apt-get").exists()
         && std::fs::read_to_string("/etc/os-release").is_ok_and(|text| names_debian(&text))

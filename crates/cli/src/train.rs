@@ -27,8 +27,8 @@ const LINE_EVERY: Duration = Duration::from_secs(20);
 pub const LARGEST: u64 = i64::MAX as u64;
 
 const EXAMPLES: &str = "\
-The layers of the configuration, each overriding the one before it: defaults, --preset, --config, --set, options.
-Ctrl-C stops after the present cycle with everything saved (exit status 130); Ctrl-C again stops at once.
+Settings come from these layers; each overrides the layers before it: defaults, --preset, --config, --set, options.
+Ctrl-C saves and stops after the current cycle (exit status 130); a second Ctrl-C stops at once.
 
 Examples:
   eigenhand train --hand shadow
@@ -40,7 +40,7 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Hand to train, by name (see `eigenhand hands list`) or directory
+    /// Hand to train, by name (`eigenhand hands list` shows the names) or directory
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
     #[command(flatten)]
@@ -61,10 +61,10 @@ pub struct Args {
         conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out"]
     )]
     resume: Option<PathBuf>,
-    /// Threads that simulate, and that share the updates; 0 means one for each core. The result does not depend on it
+    /// Threads for simulation and for updates; 0 means one for each core. The result does not depend on this number
     #[arg(long, value_name = "N")]
     workers: Option<usize>,
-    /// Event files for TensorBoard in the run directory, or none [default: true]
+    /// Whether to write event files for TensorBoard into the run directory [default: true]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
     tensorboard: Option<bool>,
     /// Prints the summary as JSON on standard output
@@ -77,13 +77,13 @@ pub struct Args {
     install: setup::InstallArgs,
 }
 
-/// Options of every command that makes runs.
+/// Options that all commands share that make runs.
 #[derive(clap::Args)]
 pub struct SettingsArgs {
-    /// Settings to start from [default: default, or what the configuration file names]
+    /// Settings to start from [default: default, or the preset in the configuration file]
     #[arg(long, value_name = "NAME", value_parser = preset_parser())]
     pub preset: Option<Preset>,
-    /// Training episodes of a run in all
+    /// Training episodes of a run, in all
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
     pub episodes: Option<u64>,
     /// Objects to grasp, separated by commas
@@ -92,16 +92,16 @@ pub struct SettingsArgs {
     /// Configuration file
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One setting, such as learner.gamma=0.95; can be given several times
+    /// Changes one setting, such as learner.gamma=0.95; can be given several times
     #[arg(long = "set", value_name = "KEY=VALUE")]
     pub assignments: Vec<String>,
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     pub plugins: Vec<PathBuf>,
 }
 
 impl SettingsArgs {
-    /// Returns the command line that says the same.
+    /// Returns command-line arguments with the same meaning.
     pub fn arguments(&self) -> Vec<OsString> {
         let SettingsArgs { preset, episodes, objects, config, assignments, plugins } = self;
         let mut arguments: Vec<OsString> = Vec::new();
@@ -123,7 +123,7 @@ impl SettingsArgs {
         arguments
     }
 
-    /// Returns a run with these settings and no others.
+    /// Returns a request for a new run with only these settings.
     pub fn new_run(&self) -> NewRun {
         NewRun {
             preset: self.preset,
@@ -137,7 +137,7 @@ impl SettingsArgs {
     }
 }
 
-/// Reads the name of a preset, and says in `--help` what each is.
+/// Reads the name of a preset, and describes each preset in `--help`.
 fn preset_parser() -> impl TypedValueParser<Value = Preset> {
     let values = Preset::ALL.map(|preset| PossibleValue::new(preset.name()).help(preset.meaning()));
     // The possible values are the presets' names.
@@ -145,7 +145,7 @@ fn preset_parser() -> impl TypedValueParser<Value = Preset> {
         .map(|name| Preset::ALL.into_iter().find(|preset| preset.name() == name).unwrap_or_default())
 }
 
-/// A summary with the place of its run.
+/// A summary with its run directory.
 #[derive(Serialize)]
 struct Report<'a> {
     run: PathBuf,
@@ -185,17 +185,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Adds to an error what to do next.
+/// Adds the next step to an error.
 fn explain(error: TrainError, resume: &str) -> anyhow::Error {
     let context = match &error {
-        // The same again would end the same.
+        // Its message has the next step: a resumed run would diverge again.
         TrainError::LearnerDiverged { .. } => return error.into(),
         _ => format!("the run stopped; continue from its last checkpoint with: {resume}"),
     };
     anyhow::Error::from(error).context(context)
 }
 
-/// Says which postures a synergy is of.
+/// Names the postures that a synergy covers.
 fn postures_covered(n_postures: u64, window: usize) -> String {
     match window as u64 {
         window if (1..n_postures).contains(&window) => {
@@ -234,9 +234,9 @@ fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
         if flag.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
-        // A terminal has just shown ^C on a line of its bar, and the bar is drawn over the line above.
+        // On a terminal, ^C has just appeared in a line of the bar. A new line keeps the bar from covering the message.
         let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
-        eprintln!("{newline}stopping after this cycle, with everything saved; Ctrl-C again stops at once{newline}");
+        eprintln!("{newline}saving and stopping after this cycle; Ctrl-C again stops at once{newline}");
     })
     .context("cannot listen for Ctrl-C")?;
     Ok(stop)
@@ -271,7 +271,7 @@ fn heading(plan: &Plan) -> String {
     text
 }
 
-/// `plugins` are the options that name further directories of hands, as later commands need them.
+/// `plugins` holds the options for additional directories of hands, because later commands need them.
 fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {
@@ -292,7 +292,7 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
             let policy = summary.policy_episode;
             line(
                 "success",
-                &format!("{} of {} fresh episodes (policy of episode {policy})", percent(rate), summary.eval_episodes),
+                &format!("{} of {} new episodes (policy after episode {policy})", percent(rate), summary.eval_episodes),
             );
             if summary.success_rate_per_object.len() > 1 {
                 for (object, rate) in &summary.success_rate_per_object {
@@ -300,7 +300,7 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
                 }
             }
         }
-        None => line("success", "not evaluated, as the run was interrupted"),
+        None => line("success", "not evaluated, because the run was interrupted"),
     }
     match (summary.contribution_sum, summary.mean_error_rad) {
         (Some(sum), Some(error)) => {
@@ -316,7 +316,7 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
                 ),
             );
         }
-        _ => line("synergy", &format!("none: {} are too few", counted(summary.n_postures, "posture"))),
+        _ => line("synergy", &format!("none: too few postures ({})", summary.n_postures)),
     }
     if summary.diverged_episodes > 0 {
         line("diverged", &format!("{}, discarded", counted(summary.diverged_episodes, "episode")));
@@ -332,7 +332,7 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     line("", "  policy.safetensors, .toml     the policy, and how to run it");
     line("", "  scenes/                       scenes for plain MuJoCo");
     line("", "  postures.sqlite               the posture database");
-    line("", "  metrics.csv, summary.json     how it learned");
+    line("", "  metrics.csv, summary.json     learning curves, and results");
     if summary.stopped_by == StoppedBy::Episodes {
         line("next", &program::line(&format!("eval {run}{plugins}")));
         line("", &program::line(&format!("export {run}{plugins} --out my-{}", plan.hand)));

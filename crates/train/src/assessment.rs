@@ -1,4 +1,4 @@
-//! What an evaluation of a finished run found.
+//! The result of evaluating a finished run.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::evaluation::Tally;
 
-/// What an evaluation of a run found.
+/// Result of evaluating a finished run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Assessment {
     /// The run's directory.
@@ -18,9 +18,9 @@ pub struct Assessment {
     pub lambda: f64,
     /// Seed of the evaluation's episodes.
     pub seed: u64,
-    /// Settings, as `key=value`, in which the scene was not that of training.
+    /// Settings, as `key=value`, in which the scene differed from training.
     pub changed: Vec<String>,
-    /// Episodes; one that diverged counts as a failure.
+    /// Episodes; an episode that diverged counts as a failure.
     pub episodes: u64,
     /// Episodes that succeeded.
     pub successes: u64,
@@ -28,15 +28,15 @@ pub struct Assessment {
     pub success_rate: f64,
     /// 95 % interval of that share.
     pub interval: [f64; 2],
-    /// The same for each object.
+    /// Success with each object.
     pub objects: Vec<ObjectScore>,
     /// Mean distance from object to goal at the end, in m.
     pub mean_final_distance_m: f64,
-    /// Mean over the successes of the deepest penetration between object and hand in the last steps, in m.
+    /// Deepest penetration between object and hand in the last steps of an episode, averaged over the successes, in m.
     pub mean_penetration_m: f64,
     /// Episodes whose simulation diverged.
     pub diverged: u64,
-    /// What MuJoCo warned of.
+    /// Counts of MuJoCo's warnings.
     pub warnings: WarningCounts,
 }
 

@@ -1,4 +1,4 @@
-//! What a run trains, and where.
+//! Everything that a run is trained with.
 
 use std::sync::Arc;
 
@@ -9,11 +9,11 @@ use crate::config::RunConfig;
 use crate::provenance::Provenance;
 use crate::run_dir::RunDirectory;
 
-/// What a run trains, and where.
+/// Everything that a run is trained with.
 pub struct Assignment {
     /// Its settings.
     pub config: RunConfig,
-    /// What it is made with.
+    /// Versions, machine and hand at its start.
     pub provenance: Provenance,
     /// Its hand.
     pub hand: Hand,

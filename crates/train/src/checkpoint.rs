@@ -1,9 +1,9 @@
-//! Checkpoints: everything a run needs to go on as if it had not stopped.
+//! Checkpoints: everything that a run needs to continue as if it had not stopped.
 //!
-//! `checkpoints/replay.bin` is appended to and never rewritten; a checkpoint records how much of it counts. Each
-//! checkpoint is a directory with the learner, the finalists and a record of counters and digests, written
-//! under a temporary name and renamed. Random streams need no state: they are functions of the seed and of the
-//! counters in the record.
+//! Every episode is appended to `checkpoints/replay.bin`. A checkpoint records the length of this file; resuming drops
+//! the bytes after it. Each checkpoint is a directory with the learner, the finalists and a record of counters and
+//! digests. It is written under a temporary name and then renamed. Random streams need no state: they are functions of
+//! the seed and of the counters in the record.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -21,7 +21,7 @@ const DIRECTORY: &str = "checkpoints";
 const REPLAY: &str = "replay.bin";
 const LEARNER: &str = "learner.safetensors";
 const RECORD: &str = "state.toml";
-/// First line of the record, before its value: the SHA-256 of the lines that follow.
+/// Beginning of the record's first line; the SHA-256 of all lines below follows.
 const DIGEST: &str = "digest = ";
 const PREFIX: &str = "episode-";
 const SCHEMA: u32 = 1;
@@ -49,7 +49,7 @@ fn finalist_file(episode: u64) -> String {
     format!("policy-{episode:08}.safetensors")
 }
 
-/// What a checkpoint held.
+/// Contents of a checkpoint.
 pub struct Restored {
     /// Counters at the checkpoint.
     pub counters: Counters,
@@ -82,18 +82,18 @@ impl Checkpoints {
         Ok(Checkpoints { directory, replay, replay_bytes: 0, kept })
     }
 
-    /// Opens the checkpoints of a run and reads the newest.
+    /// Opens the checkpoints of a run and reads the newest checkpoint.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when there is none, [`TrainError::Damaged`] when a file does not fit its digest; the
-    /// message names the file and what to do. Nothing is changed on disk before everything has been read.
+    /// [`TrainError::NotARun`] when there is no checkpoint, [`TrainError::Damaged`] when a file does not match its digest.
+    /// The messages name the file and the next step. No file is changed before all files have been read.
     pub fn open(run: &Path, kept: usize, normalizer: &NormalizerConfig) -> Result<(Checkpoints, Restored), TrainError> {
         let directory = run.join(DIRECTORY);
         let existing = list(&directory)?;
         let Some((_, newest)) = existing.last() else {
             return Err(TrainError::NotARun {
                 path: run.to_owned(),
-                reason: "it holds no checkpoint yet; start it again with another --out".to_owned(),
+                reason: "it holds no checkpoint to resume from; start a new run with another --out".to_owned(),
             });
         };
         let older = existing.len().checked_sub(2).and_then(|i| existing.get(i)).map(|(_, path)| path.as_path());
@@ -116,7 +116,7 @@ impl Checkpoints {
         Ok((checkpoints, Restored { counters: record.counters, learner, finalists, episodes }))
     }
 
-    /// Appends an episode to the replay's log; it counts from the next checkpoint on.
+    /// Appends an episode to the replay file; the next checkpoint includes it.
     ///
     /// # Errors
     /// [`TrainError::File`], [`TrainError::Rl`].
@@ -128,7 +128,7 @@ impl Checkpoints {
         Ok(())
     }
 
-    /// Writes a checkpoint and removes those that are too old.
+    /// Writes a checkpoint and removes the oldest ones.
     ///
     /// # Errors
     /// [`TrainError::File`].
@@ -180,7 +180,7 @@ impl Checkpoints {
     }
 }
 
-/// Returns the episode of the newest checkpoint in a run directory.
+/// Returns the number of training episodes at the newest checkpoint of a run directory.
 ///
 /// # Errors
 /// [`TrainError::File`].
@@ -211,12 +211,13 @@ fn list(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
 fn damaged(path: &Path, reason: impl ToString, checkpoint: &Path, older: Option<&Path>) -> TrainError {
     let mend = match older {
         Some(older) => format!(
-            "remove the directory {} to continue from the checkpoint before it, {}",
+            "remove the directory {}, then continue with --resume from the older checkpoint {}",
             checkpoint.display(),
             older.display()
         ),
         None => {
-            "there is no older checkpoint: the postures and the metrics can be used, the training has to start again"
+            "there is no older checkpoint: start a new run with another --out; the postures and the metrics of this run \
+             can still be used"
                 .to_owned()
         }
     };
@@ -229,12 +230,12 @@ fn read_record(checkpoint: &Path, older: Option<&Path>) -> Result<CheckpointReco
     let (first, rest) = text.split_once('\n').unwrap_or_default();
     let found = sha256(rest.as_bytes());
     if first.strip_prefix(DIGEST).map(|digest| digest.trim_matches('"')) != Some(found.as_str()) {
-        let reason = format!("its first line is {first:?}, but the SHA-256 of the others is {found}");
+        let reason = format!("its first line is {first:?}, but the SHA-256 of the other lines is {found}");
         return Err(damaged(&path, reason, checkpoint, older));
     }
     let record: CheckpointRecord = toml::from_str(rest).map_err(|error| damaged(&path, error, checkpoint, older))?;
     if record.schema != SCHEMA {
-        let reason = format!("its schema is {}, but this version reads {SCHEMA}", record.schema);
+        let reason = format!("its schema is {}, but this version of the program reads schema {SCHEMA}", record.schema);
         return Err(damaged(&path, reason, checkpoint, older));
     }
     Ok(record)
@@ -244,7 +245,7 @@ fn read_tensors(path: &Path, digest: &str, checkpoint: &Path, older: Option<&Pat
     let bytes = fs::read(path).map_err(|error| damaged(path, error, checkpoint, older))?;
     let found = sha256(&bytes);
     if found != digest {
-        let reason = format!("its SHA-256 is {found}, but {digest} was written");
+        let reason = format!("its SHA-256 is {found}, but the checkpoint records {digest}");
         return Err(damaged(path, reason, checkpoint, older));
     }
     TensorMap::load_bytes(&bytes).map_err(|error| damaged(path, error, checkpoint, older))
@@ -254,12 +255,12 @@ fn read_replay(file: &mut File, path: &Path, length: u64) -> Result<Vec<EpisodeD
     let damaged = |reason: String| TrainError::Damaged {
         path: path.to_owned(),
         reason,
-        mend: "the training has to start again; the postures and the metrics can be used".to_owned(),
+        mend: "start a new run with another --out; the postures and the metrics of this run can still be used".to_owned(),
     };
     let mut bytes = Vec::new();
     file.take(length).read_to_end(&mut bytes).map_err(cannot("read", path))?;
     if bytes.len() as u64 != length {
-        return Err(damaged(format!("it has {} bytes, but the checkpoint counts {length}", bytes.len())));
+        return Err(damaged(format!("it has {} bytes, but the checkpoint records {length}", bytes.len())));
     }
     let mut episodes = Vec::new();
     let mut rest = bytes.as_slice();

@@ -1,4 +1,4 @@
-//! The end of a run: the policy that it hands out, the final evaluation, the products and the summary.
+//! The end of a run: choosing its policy, the final evaluation, the products and the summary.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -17,7 +17,7 @@ impl Trainer {
     /// Trains until all episodes are done or `stop` is set, then evaluates and exports.
     ///
     /// # Errors
-    /// What stopped the run; the newest checkpoint stays valid.
+    /// The error that stopped the run; the newest checkpoint stays valid.
     pub fn run(mut self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
         self.train(stop, progress)?;
         let evaluations = &self.assignment.config.evaluation;
@@ -26,13 +26,13 @@ impl Trainer {
             if self.finalists.list().len() > 1 {
                 progress.note(&format!("comparing the {} best policies", self.finalists.list().len()));
             }
-            progress.note(&format!("final evaluation: {} fresh episodes", evaluations.final_episodes));
+            progress.note(&format!("final evaluation: {} new episodes", evaluations.final_episodes));
         }
         progress.finish();
         self.conclude(complete)
     }
 
-    /// Chooses the policy, evaluates it if the run is `complete`, and writes what the run hands out.
+    /// Chooses the policy, evaluates it if the run is `complete`, and writes products and summary.
     fn conclude(mut self, complete: bool) -> Result<Summary, TrainError> {
         let (policy, policy_episode) = self.choose_policy(complete)?;
         let evaluation = if complete {
@@ -43,7 +43,7 @@ impl Trainer {
         };
         let wall_s = self.wall_s();
         let Trainer { assignment, pool, reward, postures, counters, .. } = self;
-        // The export simulates too, and the threads' simulations are most of what is not replay.
+        // The export simulates too. Besides replay, the threads' simulations take most of the memory.
         drop(pool);
         let Assignment { config, provenance, hand, task, run } = &assignment;
         let synergy = reward.feedback.synergy();
@@ -91,9 +91,10 @@ impl Trainer {
         Ok(summary)
     }
 
-    /// Chooses the policy that the run hands out, and tells the number of training episodes before it.
+    /// Chooses the run's policy, and returns it with the number of training episodes before it.
     ///
-    /// A run that is complete compares its finalists once more; any other takes the best of its evaluations.
+    /// A complete run compares its finalists on further episodes. An interrupted run takes the finalist with the best
+    /// evaluation.
     fn choose_policy(&mut self, complete: bool) -> Result<(Policy, u64), TrainError> {
         let finalists = self.finalists.clone();
         let episodes = self.assignment.config.evaluation.selection_episodes;

@@ -1,4 +1,4 @@
-//! What a run counts, as a checkpoint records it.
+//! Counters of a run, which every checkpoint records.
 
 use std::collections::VecDeque;
 
@@ -9,24 +9,24 @@ use serde::{Deserialize, Serialize};
 use crate::config::HELD_WINDOW;
 use crate::rollout::Episode;
 
-/// Noise-free training episodes over which recent success is reported.
+/// Number of noise-free training episodes that the recent success rate covers.
 const RECENT: usize = 50;
 
-/// Counters of a run, as a checkpoint records them.
+/// Counters of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Counters {
-    /// Training episodes simulated, those that diverged included.
+    /// Training episodes simulated, including those that diverged.
     pub episodes: u64,
     /// Control steps simulated in training.
     pub env_steps: u64,
-    /// Minibatches learned from.
+    /// Updates of the learner, one for each minibatch.
     pub updates: u64,
-    /// Updates that are owed to the episodes so far, a fraction of one.
+    /// Updates still to be made for the episodes so far; can have a fraction.
     pub updates_owed: f64,
     /// Training episodes that diverged.
     pub diverged: u64,
-    /// Steps with a full contact or constraint buffer, or a bad inertia, in training.
+    /// Training steps at which MuJoCo warned of a full contact or constraint buffer, or of a bad inertia.
     pub buffer_warnings: u64,
     /// Postures in the database.
     pub postures: u64,
@@ -38,11 +38,11 @@ pub struct Counters {
     pub held_steps: VecDeque<u64>,
     /// Whether the last noise-free training episodes succeeded, oldest first.
     pub recent: VecDeque<bool>,
-    /// Updates since the last evaluation.
+    /// Sums over the updates since the last evaluation.
     pub sums: UpdateSums,
 }
 
-/// Sums over the updates since the last evaluation, of which `metrics.csv` has the means.
+/// Sums over the updates since the last evaluation; `metrics.csv` holds their means.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct UpdateSums {
@@ -52,17 +52,17 @@ pub struct UpdateSums {
     pub critic_loss: f64,
     /// Losses of the actor.
     pub actor_loss: f64,
-    /// Mean values of the batches' actions.
+    /// Mean value (Q) of the actions in each minibatch.
     pub q: f64,
-    /// Mean targets.
+    /// Mean target of each minibatch.
     pub target: f64,
-    /// Shares of the targets that were clipped.
+    /// Share of clipped targets in each minibatch.
     #[serde(default)]
     pub clipped: f64,
 }
 
 impl UpdateSums {
-    /// (one of the sums) => the mean over the updates; none before the first
+    /// (one of the sums) => its mean over the updates; none before the first update
     pub fn mean(&self, sum: f64) -> Option<f64> {
         (self.count > 0).then(|| sum / self.count as f64)
     }
@@ -79,18 +79,18 @@ impl UpdateSums {
 }
 
 impl Counters {
-    /// Mean of `held_steps`; 0 before the first episode.
+    /// Returns the mean of `held_steps`; 0 before the first episode.
     pub fn mean_held_steps(&self) -> f64 {
         self.held_steps.iter().sum::<u64>() as f64 / self.held_steps.len().max(1) as f64
     }
 
-    /// Returns the share of the last noise-free training episodes that succeeded; none before the first.
+    /// Returns the success rate of the last noise-free training episodes; none before the first of them.
     pub fn recent_success(&self) -> Option<f64> {
         let good = self.recent.iter().filter(|success| **success).count();
         (!self.recent.is_empty()).then(|| good as f64 / self.recent.len() as f64)
     }
 
-    /// Counts a training episode, and the updates that are owed for it.
+    /// Counts a training episode, and adds the updates to be made for it.
     pub fn count(&mut self, episode: &Episode, updates_per_episode: f64) {
         self.episodes += 1;
         let WarningCounts { contacts_full, constraints_full, inertia, .. } = episode.warnings;
@@ -108,7 +108,7 @@ impl Counters {
     }
 }
 
-/// Appends to the newest `length` values.
+/// Appends a value and keeps only the newest `length`.
 fn push_newest<T>(values: &mut VecDeque<T>, value: T, length: usize) {
     values.push_back(value);
     while values.len() > length {

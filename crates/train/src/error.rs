@@ -1,4 +1,4 @@
-//! What can go wrong in a run.
+//! Errors of a run.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use eigenhand_synergy::SynergyError;
 
 use crate::config::ConfigError;
 
-/// Factor between the learning rates of a learner that diverged and those that are suggested instead.
+/// When a learner has diverged, the error suggests its learning rates divided by this.
 const SMALLER: f32 = 10.0;
 
 /// Errors of training, evaluation and export.
@@ -23,22 +23,22 @@ pub enum TrainError {
     /// The hand is wrong or unknown.
     #[error(transparent)]
     Hand(#[from] HandError),
-    /// The simulator.
+    /// MuJoCo is missing or does not work.
     #[error(transparent)]
     MuJoCo(#[from] MuJoCoError),
-    /// The scene or the task.
+    /// The scene or the task is wrong, or a simulation failed.
     #[error(transparent)]
     Sim(#[from] SimError),
-    /// The learner.
+    /// The learner refused its settings or data.
     #[error(transparent)]
     Rl(#[from] RlError),
-    /// The posture database or the synergy.
+    /// The posture database or the synergy failed.
     #[error(transparent)]
     Synergy(#[from] SynergyError),
-    /// The system refused to read or write something.
+    /// A file could not be read or written.
     #[error(transparent)]
     File(#[from] FileError),
-    /// The system refused a thread.
+    /// A thread could not be started.
     #[error("cannot start a thread")]
     Thread {
         /// The system's reason.
@@ -48,7 +48,7 @@ pub enum TrainError {
     /// The learner's numbers are no longer finite.
     #[error(
         "the learner diverged at update {update}: critic loss {critic_loss}, actor loss {actor_loss}, mean value {q_mean}\n\
-         the run's last checkpoint is from before that; to train on, start a new run with smaller learning rates, such as \
+         the run's last checkpoint was written before this update. Start a new run with smaller learning rates, such as \
          --set learner.actor_lr={suggested_actor_lr:.0e} --set learner.critic_lr={suggested_critic_lr:.0e}"
     )]
     LearnerDiverged {
@@ -66,10 +66,10 @@ pub enum TrainError {
         suggested_critic_lr: f32,
     },
     /// A simulation thread ended.
-    #[error("a simulation thread ended unexpectedly (its message is above); the run can be continued with --resume")]
+    #[error("a simulation thread ended unexpectedly (its message is above); continue the run with --resume")]
     WorkerLost,
     /// A run directory exists already.
-    #[error("{} exists already; name another with --out, or continue it with --resume {}", path.display(), path.display())]
+    #[error("{} exists already: choose another directory with --out, or continue this run with --resume {}", path.display(), path.display())]
     RunExists {
         /// The directory.
         path: PathBuf,
@@ -79,7 +79,7 @@ pub enum TrainError {
     NotARun {
         /// The directory.
         path: PathBuf,
-        /// What is missing.
+        /// The part that is missing.
         reason: String,
     },
     /// A file of a run is damaged.
@@ -87,13 +87,13 @@ pub enum TrainError {
     Damaged {
         /// The file.
         path: PathBuf,
-        /// What does not fit.
+        /// The fault in it.
         reason: String,
-        /// What the user can do.
+        /// The user's next step.
         mend: String,
     },
     /// Another process trains in the run directory.
-    #[error("{} is in use by another process", path.display())]
+    #[error("{} is in use by another process: wait until that process ends, or stop it", path.display())]
     Locked {
         /// The directory.
         path: PathBuf,
@@ -111,12 +111,12 @@ pub enum TrainError {
     Option {
         /// The option.
         option: String,
-        /// What does not fit, and what to do.
+        /// The conflict, and the next step.
         reason: String,
     },
-    /// The hand is no longer the one that a run was made with.
+    /// The hand's files have changed since the run began.
     #[error(
-        "the hand {hand} has changed since {} began: the digest of its files is {found}, and was {expected}\nput its files back to continue the run, or train again with another --out", run.display()
+        "the hand {hand} has changed since the run {} began: the digest of its files was {expected}, and is now {found}\nrestore these files to continue the run, or start a new run with another --out", run.display()
     )]
     HandChanged {
         /// Name of the hand.
@@ -128,32 +128,32 @@ pub enum TrainError {
         /// Digest of the hand's files now.
         found: String,
     },
-    /// A directory of runs was made with other settings than are asked for now.
-    #[error("{} was made with other settings: {differences}\nname another directory with --out, or ask for the same settings again", run.display())]
+    /// A run in the directory has other settings than this reproduction.
+    #[error("{} was made with other settings: {differences}\nchoose another directory with --out, or give the settings of this run", run.display())]
     OtherSettings {
         /// The run that differs.
         run: PathBuf,
         /// Keys with both values.
         differences: String,
     },
-    /// A directory holds something that an export would overwrite.
-    #[error("{} is not empty and holds no earlier export: name another directory with --out", path.display())]
+    /// An export would overwrite other files in a directory.
+    #[error("{} is not empty and holds no earlier export: choose another directory with --out", path.display())]
     ExportExists {
         /// The directory.
         path: PathBuf,
     },
-    /// A file cannot be written in its format.
+    /// Data cannot be written in a file's format.
     #[error("cannot write {}: {reason}", path.display())]
     Format {
         /// The file.
         path: PathBuf,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
 }
 
 impl TrainError {
-    /// (number of the update, what it did, learning rates of actor and critic) => the error of a learner that diverged
+    /// (number of the update, its statistics, learning rates of actor and critic) => the error of a learner that diverged
     pub(crate) fn diverged(update: u64, stats: &UpdateStats, [actor_lr, critic_lr]: [f32; 2]) -> TrainError {
         TrainError::LearnerDiverged {
             update,
@@ -165,7 +165,7 @@ impl TrainError {
         }
     }
 
-    /// Tells whether the command line was at fault, which ends with another exit status.
+    /// Tells whether the command line is wrong; such an error has an exit status of its own.
     pub fn is_usage(&self) -> bool {
         matches!(
             self,

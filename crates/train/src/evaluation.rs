@@ -1,4 +1,4 @@
-//! Evaluation: episodes without exploration, in which nothing is learned or stored.
+//! Evaluation: episodes without exploration. Nothing is learned from them, and none is stored.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,16 +10,16 @@ use eigenhand_sim::GraspTask;
 use crate::error::TrainError;
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool};
 
-/// Which random streams an evaluation draws its episodes from.
+/// Family of random streams for the episodes of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EvaluationStream {
     /// The same episodes at every evaluation during training.
     Periodic,
-    /// Episodes by which the finalists are compared.
+    /// Episodes for the comparison of the finalists.
     Selection,
-    /// Fresh episodes, seen by nothing before.
+    /// Episodes that no training and no other evaluation uses.
     Final,
-    /// Episodes of an evaluation of its own, other than those of any training.
+    /// Episodes of an evaluation after training; no training uses them.
     Separate,
 }
 
@@ -34,10 +34,10 @@ impl EvaluationStream {
     }
 }
 
-/// How many of some episodes succeeded.
+/// Number of episodes, and of successes among them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Episodes; one that diverged counts as a failure.
+    /// Episodes; an episode that diverged counts as a failure.
     pub episodes: u64,
     /// Episodes that succeeded.
     pub successes: u64,
@@ -51,7 +51,7 @@ impl Tally {
         })
     }
 
-    /// Returns the share of episodes that succeeded; 0 where there are none.
+    /// Returns the share of episodes that succeeded; 0 without episodes.
     pub fn rate(self) -> f64 {
         self.successes as f64 / self.episodes.max(1) as f64
     }
@@ -62,15 +62,15 @@ impl Tally {
 pub struct Evaluation {
     /// All episodes.
     pub all: Tally,
-    /// The episodes with each object that had one, in the order of the task's scenes.
+    /// Episodes and successes with each object, in the order of the task's scenes; without objects that had no episode.
     pub objects: Vec<(String, Tally)>,
     /// Mean distance from object to goal at the end, in m.
     pub mean_final_distance: f64,
-    /// Mean over the successes of the deepest penetration between object and hand in the last steps, in m.
+    /// Deepest penetration between object and hand in the last steps of an episode, averaged over the successes, in m.
     pub mean_penetration: f64,
     /// Episodes whose simulation diverged.
     pub diverged: u64,
-    /// What MuJoCo warned of.
+    /// Counts of MuJoCo's warnings.
     pub warnings: WarningCounts,
     /// Postures of the successes, in rad and m.
     pub postures: Vec<Vec<f64>>,
@@ -82,7 +82,7 @@ impl Evaluation {
         self.all.rate()
     }
 
-    /// Returns the same for each object.
+    /// Returns the success rate with each object.
     pub fn success_rate_per_object(&self) -> BTreeMap<String, f64> {
         self.objects.iter().map(|(object, tally)| (object.clone(), tally.rate())).collect()
     }
@@ -96,7 +96,7 @@ impl fmt::Display for Evaluation {
     }
 }
 
-/// Runs `episodes` episodes, the objects in turn.
+/// Runs `episodes` episodes; the objects take turns.
 ///
 /// # Errors
 /// As [`WorkerPool::collect`].

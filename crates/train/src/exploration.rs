@@ -1,4 +1,4 @@
-//! The exploration of a hand: what the learner cannot know about the dimensions of an action.
+//! Exploration for a hand: the role of each actuator, which the learner does not know.
 
 use eigenhand_hands::Hand;
 use eigenhand_rl::{ActionDimension, Coordination, ExplorationConfig};
@@ -9,8 +9,8 @@ use crate::error::TrainError;
 
 /// Returns the exploration that a configuration describes for a hand.
 ///
-/// Random actions hold the slide longer than the fingers (`training.slide_hold`). Where the hand says what closes it, they
-/// also close or open it as a whole, and take the slide to one of its ends.
+/// Random actions of the slide are held longer than those of the fingers (`training.slide_hold`). If the hand has `closing`
+/// in `hand.toml`, random actions can also close or open the whole hand and move the slide to one of its ends.
 ///
 /// # Errors
 /// [`TrainError::Rl`] when a setting is out of range.
@@ -25,7 +25,7 @@ pub(crate) fn exploration_of(
     Ok(exploration)
 }
 
-/// Returns the part of each actuator in exploration. In a coordinated action the hand closes or opens, and the slide goes
+/// Returns the role of each actuator in exploration. In a coordinated action the hand closes or opens, and the slide goes
 /// down or up.
 fn dimensions(hand: &Hand, task: &GraspTask, slide_hold: f32) -> Vec<ActionDimension> {
     let closing = &hand.manifest.closing;

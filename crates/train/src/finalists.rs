@@ -1,4 +1,4 @@
-//! The policies of the best evaluations, of which the best becomes the result.
+//! Finalists: the policies with the best evaluations. The best of them becomes the result.
 
 use eigenhand_rl::Policy;
 
@@ -9,43 +9,43 @@ use crate::error::TrainError;
 pub struct Finalist {
     /// Success rate of its evaluation.
     pub success_rate: f64,
-    /// Training episodes before it.
+    /// Training episodes before the evaluation.
     pub episode: u64,
     /// The policy.
     pub policy: Policy,
 }
 
-/// The best so far, the best first.
+/// The finalists so far, the best first.
 #[derive(Clone, Debug, Default)]
 pub struct Finalists {
     best: Vec<Finalist>,
 }
 
 impl Finalists {
-    /// Takes those of a checkpoint, the best first.
+    /// Starts with the finalists of a checkpoint, the best first.
     pub fn new(best: Vec<Finalist>) -> Finalists {
         Finalists { best }
     }
 
-    /// Takes a policy in, and keeps the best `most`. Of equals the later one is the better.
+    /// Adds a policy and keeps the best `most`. Of two policies with equal success, the later one ranks higher.
     pub fn enter(&mut self, finalist: Finalist, most: usize) {
         let place = self.best.partition_point(|known| known.success_rate > finalist.success_rate);
         self.best.insert(place, finalist);
         self.best.truncate(most);
     }
 
-    /// Returns all of them, the best first.
+    /// Returns all finalists, the best first.
     pub fn list(&self) -> &[Finalist] {
         &self.best
     }
 
-    /// Returns the finalist whose success rate, as `score` measures it again, is the highest; the first of equals.
+    /// Measures the finalists again with `score`, and returns the one with the highest success rate; of equals, the first.
     ///
-    /// The best of many noisy evaluations is partly luck, so the finalists are compared on episodes of their own. A single
-    /// one needs no comparison.
+    /// The best of many noisy evaluations is partly luck, so the finalists are compared on further episodes. A single
+    /// finalist needs no comparison.
     ///
     /// # Errors
-    /// Those of `score`.
+    /// The errors of `score`.
     pub fn choose(
         &self,
         mut score: impl FnMut(&Finalist) -> Result<f64, TrainError>,

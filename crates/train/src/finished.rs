@@ -21,7 +21,7 @@ use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
 use crate::task::task_of;
 
-/// Keys of the configuration that say where a policy acts and what counts as success, not how it learned.
+/// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
 const SCENE_KEYS: [&str; 8] = [
     "physics.",
     "reward.success_distance",
@@ -37,27 +37,27 @@ const SCENE_KEYS: [&str; 8] = [
 pub struct FinishedRun {
     /// Its directory.
     pub directory: PathBuf,
-    /// Its configuration, with the changes that were asked for.
+    /// Its configuration, with the requested changes.
     pub config: RunConfig,
-    /// Those changes, as `key=value`.
+    /// The requested changes, as `key=value`.
     pub changed: Vec<String>,
-    /// What it was made with.
+    /// Versions, machine and hand at its start.
     pub provenance: Provenance,
     /// Its hand.
     pub hand: Hand,
     /// Its task.
     pub task: Arc<GraspTask>,
-    /// The policy it hands out.
+    /// Its policy.
     pub policy: Policy,
 }
 
 impl FinishedRun {
-    /// Reads a run and the hand it was made with; each of `changes` is a `key=value` that changes its scene.
+    /// Reads a run and its hand. Each of `changes` is a `key=value` that changes the scene.
     ///
     /// # Errors
     /// [`TrainError::NotARun`] when there is no policy yet, [`TrainError::Damaged`] when a file cannot be read,
-    /// [`TrainError::HandChanged`] when the hand's files are no longer the same, and [`ConfigError`] for a change that
-    /// cannot be used or that no evaluation would notice.
+    /// [`TrainError::HandChanged`] when the hand's files have changed, and [`ConfigError`] for a change that is not valid or
+    /// that has no effect on an evaluation.
     pub fn open(directory: &Path, hands: &SearchPath, changes: &[String]) -> Result<FinishedRun, TrainError> {
         require_run(directory)?;
         let config = changed_config(directory, changes)?;
@@ -72,7 +72,7 @@ impl FinishedRun {
 
     /// Runs `episodes` episodes of the policy without exploration.
     ///
-    /// The episodes depend on `seed` alone, and come from a random stream that no training uses.
+    /// The episodes depend only on `seed`, and come from random streams that no training uses.
     ///
     /// # Errors
     /// [`TrainError::Sim`], or [`TrainError::WorkerLost`].
@@ -98,8 +98,8 @@ impl FinishedRun {
         })
     }
 
-    /// Lets the policy grasp the object of a scene until it succeeds, at most `tries` times, and returns the environment at
-    /// the end of that episode; none if it never succeeded.
+    /// Runs episodes of the policy in a scene until one succeeds, at most `tries`, and returns the environment at the end of
+    /// this episode; none if no episode succeeded.
     ///
     /// # Errors
     /// [`TrainError::Sim`].
@@ -134,8 +134,9 @@ impl FinishedRun {
         Ok((synergy, newest(&postures, config.window).to_vec()))
     }
 
-    /// Writes the synergy of the run's postures, the policy and the scenes into a directory that is new, empty or an
-    /// earlier export, and lists the files in it.
+    /// Writes the synergy of the run's postures, the policy and the scenes into a directory, and lists the files in it.
+    ///
+    /// The directory must be new, empty or an earlier export.
     ///
     /// # Errors
     /// [`TrainError::ExportExists`] for any other directory, [`TrainError::Synergy`] for the posture database,
@@ -173,7 +174,7 @@ fn changed_config(directory: &Path, changes: &[String]) -> Result<RunConfig, Con
         if !SCENE_KEYS.iter().any(|known| key == *known || (known.ends_with('.') && key.starts_with(known))) {
             let origin = format!("--set {change}");
             let reason =
-                format!("an evaluation depends only on {}", SCENE_KEYS.join(", ").replace("physics.", "physics.*"));
+                format!("an evaluation can change only these settings: {}", SCENE_KEYS.join(", ").replace("physics.", "physics.*"));
             return Err(ConfigError::Value { origin, reason });
         }
     }
@@ -188,7 +189,7 @@ fn read_policy(run: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) ->
         mend: format!("write it again with: train --resume {}", run.display()),
     };
     if !path.is_file() {
-        let reason = format!("it holds no {POLICY} yet; finish it with: train --resume {}", run.display());
+        let reason = format!("it holds no {POLICY} yet; finish the run with: train --resume {}", run.display());
         return Err(TrainError::NotARun { path: run.to_owned(), reason });
     }
     let bytes = std::fs::read(&path).map_err(|error| damaged(error.to_string()))?;
@@ -201,7 +202,7 @@ fn read_policy(run: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) ->
         return Ok(policy);
     }
     Err(damaged(format!(
-        "it takes {} + {} numbers and gives {}, but the hand {} needs {} + {} and {}",
+        "it has {} inputs for the observation, {} for the goal and {} outputs, but the hand {} needs {}, {} and {}",
         found.0, found.1, found.2, hand.manifest.name, expected.0, expected.1, expected.2
     )))
 }

@@ -1,4 +1,4 @@
-//! Hands by name, and the check that a run goes on with the hand that it was made with.
+//! Finding a hand by name, and checking that a run's hand has not changed.
 
 use std::path::Path;
 
@@ -10,12 +10,12 @@ use crate::provenance::Provenance;
 /// Finds a hand by name or directory.
 ///
 /// # Errors
-/// [`HandError`] when there is none, or it is broken.
+/// [`HandError`] when no hand has this name, or its files are wrong.
 pub fn hand_named(name: &str, hands: &SearchPath) -> Result<Hand, HandError> {
     Registry::discover(hands)?.get(name)
 }
 
-/// Checks that a hand is the one that a run was made with.
+/// Checks that a hand's files have not changed since a run began.
 ///
 /// # Errors
 /// [`TrainError::HandChanged`].

@@ -1,4 +1,4 @@
-//! The rows of `metrics.csv`, and the same for TensorBoard.
+//! The evaluations of a run, as rows of `metrics.csv` and as curves for TensorBoard.
 
 use crate::config::RunConfig;
 use crate::error::TrainError;
@@ -7,14 +7,14 @@ use crate::provenance::Provenance;
 use crate::run_dir::RunDirectory;
 use crate::tensorboard::EventFile;
 
-/// Where a run writes its evaluations.
+/// The files to which a run writes its evaluations.
 pub(crate) struct Journal {
     metrics: MetricsFile,
     events: Option<EventFile>,
 }
 
 impl Journal {
-    /// Opens the files of a run, without the rows of episodes after `episode`, which a resumed run writes again.
+    /// Opens the files of a run and drops the rows after `episode`; a resumed run writes them again.
     ///
     /// # Errors
     /// [`TrainError::File`], or [`TrainError::Damaged`] when a row cannot be read.

@@ -1,4 +1,4 @@
-//! `log.txt`: what a run noted, warned of and failed from, with the time.
+//! `log.txt`: a run's notes, warnings and errors, with the time of each.
 
 use std::fs::OpenOptions;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::status::StatusFile;
 /// Name of the file in a run directory.
 pub const LOG: &str = "log.txt";
 
-/// Sends what this thread logs to the run's file, until it is dropped.
+/// Sends this thread's log messages to the run's file until this value is dropped.
 pub(crate) struct RunLog {
     _guard: DefaultGuard,
 }
@@ -48,7 +48,7 @@ impl<'a> Logged<'a> {
 
 impl Progress for Logged<'_> {
     fn update(&mut self, status: &Status) {
-        // Whoever watches the run misses a state; the run itself does not depend on it.
+        // The file only shows progress to other processes, so the run continues without it.
         if let Err(error) = self.file.write(status) {
             tracing::warn!("{error}: {}", error.source);
         }

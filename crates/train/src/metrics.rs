@@ -14,10 +14,10 @@ use crate::evaluation::Evaluation;
 /// Name of the file in a run directory.
 pub const METRICS: &str = "metrics.csv";
 
-/// The column that comes first and that tells the rows apart.
+/// The first column; it identifies the row.
 const EPISODE: &str = "episode";
 
-/// One evaluation during training, with what was learned since the one before; `None` where a number does not exist.
+/// One evaluation during training, with means over the updates since the evaluation before; `None` for a missing number.
 ///
 /// docs/algorithms.md defines each field under the name of its column.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -26,25 +26,25 @@ pub struct MetricsRow {
     pub episode: u64,
     /// Control steps simulated in training.
     pub env_steps: Option<f64>,
-    /// Minibatches learned from.
+    /// Updates of the learner, one for each minibatch.
     pub updates: Option<f64>,
     /// Wall time in s.
     pub wall_s: Option<f64>,
     /// Share of the evaluation's episodes that succeeded.
     pub success_rate: Option<f64>,
-    /// The same for each object, by its name.
+    /// Success rate with each object, by its name.
     pub success_rate_per_object: BTreeMap<String, Option<f64>>,
     /// Mean distance between object and goal at the end, in m.
     pub mean_final_distance_m: Option<f64>,
-    /// Mean over the successes of the deepest penetration between object and hand, in m.
+    /// Deepest penetration between object and hand, averaged over the successes, in m.
     pub mean_penetration_m: Option<f64>,
     /// Share of the last noise-free training episodes that succeeded.
     pub train_success_rate: Option<f64>,
     /// Postures in the database.
     pub n_postures: Option<f64>,
-    /// Contribution rate of each component, from the first on.
+    /// Contribution rate of each component, the first component first.
     pub contribution: Vec<Option<f64>>,
-    /// Their sum.
+    /// Sum of the contribution rates.
     pub contribution_sum: Option<f64>,
     /// Mean approximation error of the evaluation's successes.
     pub mean_error_rad: Option<f64>,
@@ -52,7 +52,7 @@ pub struct MetricsRow {
     pub critic_loss: Option<f64>,
     /// Mean loss of the actor.
     pub actor_loss: Option<f64>,
-    /// Mean value of the batches' actions.
+    /// Mean value (Q) of the actions in the minibatches.
     pub q_mean: Option<f64>,
     /// Mean target.
     pub target_mean: Option<f64>,
@@ -60,18 +60,17 @@ pub struct MetricsRow {
     pub clipped_share: Option<f64>,
     /// Training episodes that diverged.
     pub diverged: Option<f64>,
-    /// Steps with a full contact or constraint buffer, or a bad inertia, in training.
+    /// Training steps at which MuJoCo warned of a full contact or constraint buffer, or of a bad inertia.
     pub buffer_warnings: Option<f64>,
 }
 
-/// How the column of an object's success rate begins; its name follows.
+/// Beginning of the column name of an object's success rate; the object's name follows.
 const OBJECT_PREFIX: &str = "success_rate_";
-/// How the column of a component's contribution rate begins; its number, from 1, follows.
+/// Beginning of the column name of a component's contribution rate; the component's number, from 1, follows.
 const COMPONENT_PREFIX: &str = "contribution_";
 
 impl MetricsRow {
-    /// Sums up an evaluation and what was learned since the one before; `components` is the number of contribution rates
-    /// that the file has columns for.
+    /// Makes the row of an evaluation; `components` is the number of contribution rates that the file has columns for.
     pub(crate) fn of(
         counters: &Counters,
         evaluation: &Evaluation,
@@ -124,7 +123,7 @@ impl MetricsRow {
         cells
     }
 
-    /// Takes the value of a column. A column that this version does not have is passed over.
+    /// Sets the value of a column; ignores a column that this version does not have.
     fn set(&mut self, column: &str, value: Option<f64>) {
         if let Some((_, field)) = self.fields().into_iter().flatten().find(|(name, _)| *name == column) {
             *field = value;
@@ -138,7 +137,8 @@ impl MetricsRow {
         }
     }
 
-    /// The columns with one value, in four groups: the objects' rates follow the first, the components' the second.
+    /// Returns the columns with one value, in four groups. In the file, the objects' success rates follow the first group,
+    /// and the components' contribution rates the second.
     fn fields(&mut self) -> [Vec<(&'static str, &mut Option<f64>)>; 4] {
         [
             vec![
@@ -167,7 +167,7 @@ impl MetricsRow {
     }
 }
 
-/// The open file.
+/// `metrics.csv`, open for appending.
 pub struct MetricsFile {
     path: PathBuf,
     writer: csv::Writer<File>,
@@ -175,7 +175,7 @@ pub struct MetricsFile {
 }
 
 impl MetricsFile {
-    /// Opens the file and drops the rows of episodes after `episode`, which a resumed run writes again.
+    /// Opens the file and drops the rows after `episode`; a resumed run writes them again.
     ///
     /// # Errors
     /// [`TrainError::File`], or [`TrainError::Damaged`] when a row cannot be read.
@@ -189,8 +189,7 @@ impl MetricsFile {
 
     /// Appends a row, after the header if it is the first.
     ///
-    /// The header that a file has stays: a column that it lacks is left out of the row, and one that the row lacks is
-    /// left empty.
+    /// A file keeps its header: a number without a column is left out, and a column without a number stays empty.
     ///
     /// # Errors
     /// [`TrainError::File`].
@@ -211,7 +210,7 @@ impl MetricsFile {
 
 /// Reads the rows in a run directory, from top to bottom.
 ///
-/// A run that has not evaluated yet has none. A last line without its end is being written, and is left out.
+/// A run has no rows before its first evaluation. A last line without a line end is still being written, and is ignored.
 ///
 /// # Errors
 /// [`TrainError::File`], or [`TrainError::Damaged`] with the line that cannot be read.
@@ -258,7 +257,7 @@ pub fn read_metrics(directory: &Path) -> Result<Vec<MetricsRow>, TrainError> {
     Ok(rows)
 }
 
-/// Drops the rows of episodes after `episode`, and returns the header.
+/// Drops the rows after `episode`, and returns the header.
 fn truncate(path: &Path, episode: u64) -> Result<Vec<String>, TrainError> {
     let mut columns = Vec::new();
     let mut reader = csv::ReaderBuilder::new().has_headers(false).from_path(path).map_err(|e| csv_error(path, e))?;
@@ -284,7 +283,7 @@ fn csv_error(path: &Path, error: csv::Error) -> TrainError {
     TrainError::Damaged {
         path: path.to_owned(),
         reason: error.to_string(),
-        mend: "the policy and the postures are not affected: move the file away and resume".to_owned(),
+        mend: "the policy and the postures are not affected: move the file away, then continue the run with --resume".to_owned(),
     }
 }
 

@@ -19,7 +19,7 @@ pub(crate) struct Postures {
 }
 
 impl Postures {
-    /// Opens the database of a run; it counts as empty until it is [restored](Self::restore).
+    /// Opens the database of a run. Postures that it holds already are ignored until they are [restored](Self::restore).
     ///
     /// # Errors
     /// [`TrainError::Synergy`] for the database.
@@ -30,7 +30,7 @@ impl Postures {
         Ok(Postures { database, joints, all: Vec::new(), config: synergy, lambda, seed })
     }
 
-    /// Reads back what a checkpoint counts: `expected` postures of the first `episodes` episodes.
+    /// Restores the state at a checkpoint: `expected` postures of the first `episodes` episodes.
     ///
     /// # Errors
     /// [`TrainError::Damaged`] when the database holds fewer or more.
@@ -44,11 +44,11 @@ impl Postures {
         Err(TrainError::Damaged {
             path: run.file(DATABASE),
             reason: format!("it holds {found} postures up to episode {episodes}, but the checkpoint counts {expected}"),
-            mend: "restore the file as it was, or train again with another --out".to_owned(),
+            mend: "restore this file, or start a new run with another --out".to_owned(),
         })
     }
 
-    /// Stores the postures of the episodes that succeeded, and returns how many.
+    /// Stores the postures of the episodes that succeeded, and returns their number.
     ///
     /// # Errors
     /// [`TrainError::Synergy`].
@@ -84,7 +84,7 @@ impl Postures {
         Ok(Synergy::fit_newest(&self.joints, &self.all, self.config.components, self.config.window)?)
     }
 
-    /// Returns the postures that the synergy is of.
+    /// Returns the postures that the synergy covers.
     pub fn newest(&self) -> &[Vec<f64>] {
         newest(&self.all, self.config.window)
     }

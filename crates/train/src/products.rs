@@ -1,4 +1,4 @@
-//! What a run hands out: the synergy, the policy, and scenes that plain MuJoCo runs it in.
+//! Products of a run: the synergy, the policy, and scenes in which plain MuJoCo can run the policy.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -22,14 +22,14 @@ const SYNERGY: &str = "synergy";
 const SCENES: &str = "scenes";
 const REFERENCE: &str = "reference.json";
 
-/// Everything that the products are made of.
+/// Everything that is needed to write the products.
 pub(crate) struct Products<'a> {
     pub hand: &'a Hand,
     pub task: &'a Arc<GraspTask>,
     pub config: &'a RunConfig,
     pub provenance: &'a Provenance,
     pub policy: &'a Policy,
-    /// Training episodes before the policy, where that is known.
+    /// Training episodes before the policy, if known.
     pub policy_episode: Option<u64>,
     pub synergy: Option<&'a Synergy>,
     pub postures: &'a [Vec<f64>],
@@ -59,7 +59,7 @@ struct PolicyRecord {
     start: StartRecord,
 }
 
-/// Names in every `scenes/<object>.xml`, by which another program tells what succeeds.
+/// Names in every `scenes/<object>.xml` that another program needs to recognise success.
 #[derive(Serialize)]
 struct SceneRecord {
     object_joint: &'static str,
@@ -97,7 +97,7 @@ struct StartRecord {
     ctrl: Vec<f64>,
 }
 
-/// First step of an episode in one scene, by which another program can check itself.
+/// First step of an episode in one scene, so that another program can check its own results.
 #[derive(Serialize)]
 struct ReferenceStep {
     object: String,
@@ -186,7 +186,7 @@ fn policy_record(products: &Products) -> PolicyRecord {
     }
 }
 
-/// Writes every scene with the files it names, and a first step in each.
+/// Writes every scene with the files that it refers to, and a reference step in each.
 fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError> {
     create_directory(directory)?;
     let task = products.task;
@@ -201,8 +201,8 @@ fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError>
         }
         match reference_step(products, &mut env, &mut scratch, index) {
             Ok(step) => steps.push(step),
-            // A simulation that does not survive one step is nothing to compare with.
-            Err(SimError::Diverged { .. }) => tracing::warn!("no reference step with the {name}: it diverges"),
+            // A simulation that diverges in its first step is no reference.
+            Err(SimError::Diverged { .. }) => tracing::warn!("reference.json has no step with the object {name}: its simulation diverges"),
             Err(error) => return Err(error.into()),
         }
     }
@@ -212,7 +212,7 @@ fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError>
     Ok(write_atomically(&path, text.as_bytes())?)
 }
 
-/// Plays the first step of an episode.
+/// Simulates the first step of an episode.
 fn reference_step(
     products: &Products,
     env: &mut GraspEnv,

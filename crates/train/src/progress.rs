@@ -1,11 +1,11 @@
-//! What a person sees while a run trains.
+//! The display of a run's progress.
 
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::{Deserialize, Serialize};
 
-/// State of a run, as progress shows it.
+/// State of a run, for a display of its progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Status {
     /// Training episodes so far.
@@ -20,14 +20,14 @@ pub struct Status {
     pub postures: u64,
     /// Sum of the contribution rates.
     pub contribution_sum: Option<f64>,
-    /// Environment steps a second, over the last seconds.
+    /// Environment steps a second, in the last cycle.
     pub steps_per_s: f64,
     /// Episodes that diverged.
     pub diverged: u64,
 }
 
 impl Status {
-    /// Writes the state as a line of [`Lines`], with the time left where it is known.
+    /// Writes the state as a line of [`Lines`], with the time left if it is known.
     fn plain(&self, left: Option<f64>) -> String {
         let left = left.map_or_else(|| "-".to_owned(), clock);
         format!("episode {}/{}, {left} left: {}", self.episodes, self.total, self.line())
@@ -56,9 +56,9 @@ fn clock(seconds: f64) -> String {
     format!("{}:{:02}", seconds / 60, seconds % 60)
 }
 
-/// Where progress goes.
+/// A display of progress.
 pub trait Progress {
-    /// Takes the present state; called at least once a cycle.
+    /// Shows the current state; called at least once a cycle.
     fn update(&mut self, status: &Status);
     /// Shows a line that stays.
     fn note(&mut self, line: &str);
@@ -94,7 +94,7 @@ impl Progress for Bar {
         if self.bar.length() != Some(status.total) {
             self.bar.set_length(status.total);
             self.bar.set_position(status.episodes);
-            // Time left is reckoned from here, also when a run is resumed.
+            // The time left is estimated from here on, without the episodes before a resumed run.
             self.bar.reset_eta();
         }
         self.bar.set_position(status.episodes);
@@ -106,7 +106,7 @@ impl Progress for Bar {
     }
 
     fn finish(&mut self) {
-        // The position stays what it is, as the run may have been interrupted.
+        // The bar keeps its position, because the run may have been interrupted.
         self.bar.abandon();
         eprintln!();
     }

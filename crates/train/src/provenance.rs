@@ -1,4 +1,4 @@
-//! What a run was made with.
+//! Provenance: the versions, the machine and the hand at the start of a run.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
 
-/// Record of versions, host and hand, written beside every run.
+/// Record of versions, machine and hand, written into every run directory.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Provenance {
@@ -23,16 +23,16 @@ pub struct Provenance {
     pub hand_directory: String,
     /// Version of this program.
     pub eigenhand_version: String,
-    /// Git revision of the checkout that the program was built from, as it stands at the start of the run, with `+` for
-    /// changes that are not committed; empty where there is none.
+    /// Git revision, at the start of the run, of the checkout that the program was built from. It ends with `+` if there
+    /// are uncommitted changes, and is empty without a checkout.
     pub git_revision: String,
     /// Version of MuJoCo.
     pub mujoco_version: String,
-    /// File or soname MuJoCo was loaded from.
+    /// File or soname that MuJoCo was loaded from.
     pub mujoco_library: String,
     /// Name of the machine.
     pub host: String,
-    /// Processors the program may use.
+    /// Processors that the program may use.
     pub processors: usize,
     /// Operating system and processor architecture.
     pub platform: String,
@@ -69,7 +69,7 @@ impl Provenance {
         let damaged = |reason: String| TrainError::Damaged {
             path: path.to_owned(),
             reason,
-            mend: "the run itself is not affected: restore the file, or train again".to_owned(),
+            mend: "the run itself is not affected: restore this file, or start a new run".to_owned(),
         };
         let text = std::fs::read_to_string(path).map_err(|error| damaged(error.to_string()))?;
         toml::from_str(&text).map_err(|error| damaged(error.to_string()))

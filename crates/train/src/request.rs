@@ -1,6 +1,6 @@
-//! A new or a resumed run, as a user asks for it.
+//! Requests for a new or a resumed run.
 //!
-//! Everything that can be wrong with a request is found before a run directory is made.
+//! Every fault of a request is found before a run directory is made.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -23,12 +23,12 @@ use crate::summary::Summary;
 use crate::task::task_of;
 use crate::trainer::Trainer;
 
-/// A new run, as it is asked for. What is absent keeps the value of the layer below it.
+/// Request for a new run. A field that is absent keeps the value of the layer below.
 #[derive(Clone, Debug, Default)]
 pub struct NewRun {
     /// Name or directory of the hand.
     pub hand: Option<String>,
-    /// Preset; absent: the file's, or the default.
+    /// Preset; if absent, the preset in the file, or else the default.
     pub preset: Option<Preset>,
     /// Configuration file.
     pub file: Option<PathBuf>,
@@ -46,28 +46,28 @@ pub struct NewRun {
     pub workers: Option<usize>,
     /// Whether event files for TensorBoard are written.
     pub tensorboard: Option<bool>,
-    /// The run directory; absent: a new one under `runs/`.
+    /// The run directory; if absent, a new one under `runs/`.
     pub out: Option<PathBuf>,
-    /// Where hands are looked for.
+    /// Places that are searched for hands.
     pub hands: SearchPath,
 }
 
-/// A run to be continued.
+/// Request to continue a run.
 #[derive(Clone, Debug, Default)]
 pub struct ResumedRun {
     /// The run directory.
     pub run: PathBuf,
-    /// Training episodes in all; absent: as many as before.
+    /// Training episodes in all; if absent, as before.
     pub episodes: Option<u64>,
-    /// Threads that simulate; absent: as before.
+    /// Threads that simulate; if absent, as before.
     pub workers: Option<usize>,
-    /// Whether event files for TensorBoard are written; absent: as before.
+    /// Whether event files for TensorBoard are written; if absent, as before.
     pub tensorboard: Option<bool>,
-    /// Where hands are looked for.
+    /// Places that are searched for hands.
     pub hands: SearchPath,
 }
 
-/// What a run is about to do.
+/// Overview of a run before it starts.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Plan {
     /// The run directory.
@@ -90,7 +90,7 @@ pub struct Plan {
     pub seed: u64,
     /// Training episodes in all.
     pub episodes: u64,
-    /// Newest postures that the synergy is of; 0 is all.
+    /// Number of newest postures that the synergy covers; 0 means all.
     pub window: usize,
     /// Training episodes that are done already.
     pub episodes_done: u64,
@@ -98,7 +98,7 @@ pub struct Plan {
     pub workers: usize,
     /// Version of MuJoCo.
     pub mujoco_version: String,
-    /// File or soname MuJoCo was loaded from.
+    /// File or soname that MuJoCo was loaded from.
     pub mujoco_library: String,
 }
 
@@ -113,7 +113,7 @@ impl Launch {
     /// Prepares a new run in a directory of its own.
     ///
     /// # Errors
-    /// Whatever is wrong with the configuration, the hand, the library or the directory.
+    /// The first fault of the configuration, the hand, the library or the directory.
     pub fn start(request: &NewRun) -> Result<Launch, TrainError> {
         let (config, hand) = resolve(request)?;
         let library = MuJoCo::load()?;
@@ -130,8 +130,8 @@ impl Launch {
     /// Prepares to continue a run from its newest checkpoint.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`], [`TrainError::Locked`], [`TrainError::HandChanged`], [`TrainError::Damaged`]; nothing
-    /// has been changed on disk then.
+    /// [`TrainError::NotARun`], [`TrainError::Locked`], [`TrainError::HandChanged`] and [`TrainError::Damaged`]. With these
+    /// errors no file has been changed.
     pub fn resume(request: &ResumedRun) -> Result<Launch, TrainError> {
         let run = RunDirectory::open(&request.run)?;
         let mut stored = run.config()?;
@@ -155,7 +155,7 @@ impl Launch {
         if plan.episodes < plan.episodes_done {
             return Err(TrainError::Option {
                 option: format!("--episodes {}", plan.episodes),
-                reason: format!("the run has trained {} episodes already; ask for more", plan.episodes_done),
+                reason: format!("the run has trained {} episodes already; expected a larger number", plan.episodes_done),
             });
         }
         if request.episodes.is_some() || request.tensorboard.is_some() {
@@ -164,7 +164,7 @@ impl Launch {
         Ok(Launch { plan, trainer, _log: log })
     }
 
-    /// Returns what the run is about to do.
+    /// Returns the overview of the run.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
@@ -172,7 +172,7 @@ impl Launch {
     /// Trains, evaluates and exports.
     ///
     /// # Errors
-    /// As [`Trainer::run`]; the error is in the run's log too.
+    /// As [`Trainer::run`]; the error is also written to the run's log.
     pub fn run(self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
         let Plan { hand, episodes, episodes_done, workers, mujoco_version, .. } = &self.plan;
         tracing::info!(
@@ -217,23 +217,23 @@ impl Plan {
     }
 }
 
-/// Returns the settings that a request comes to, with their hand.
+/// Resolves a request into complete settings and the hand.
 ///
 /// # Errors
-/// Whatever is wrong with the configuration or the hand.
+/// The first fault of the configuration or the hand.
 pub fn resolve(request: &NewRun) -> Result<(RunConfig, Hand), TrainError> {
     let registry = Registry::discover(&request.hands)?;
     let mut config = sum_layers(request, &registry)?;
     let hand = registry.get(&config.hand)?;
     if !registry.list().iter().any(|entry| entry.name == config.hand) {
-        // A path is found again from another directory only when it is complete.
+        // Only an absolute path leads to the hand from every working directory.
         let complete = hand.directory.canonicalize().unwrap_or_else(|_| hand.directory.clone());
         config.hand = complete.display().to_string();
     }
     Ok((config, hand))
 }
 
-/// Sums the layers of a request: default, preset, file, assignments, options.
+/// Combines the layers of a request: default, preset, file, assignments, options.
 fn sum_layers(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainError> {
     let file = match &request.file {
         Some(path) => Some((path.display().to_string(), read_layer(path)?)),

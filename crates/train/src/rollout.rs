@@ -1,4 +1,4 @@
-//! Episodes: one, and many on worker threads.
+//! Simulation of episodes: of one, and of many on worker threads.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -12,14 +12,14 @@ use rand::RngExt;
 
 use crate::error::TrainError;
 
-/// How an episode acts.
+/// How the actions of an episode are chosen.
 #[derive(Clone)]
 pub enum Behaviour {
     /// The policy alone.
     Greedy,
-    /// The policy with noise, except in a share of the episodes.
+    /// The policy with noise; a share of the episodes has none.
     Explore(Arc<ExplorationConfig>),
-    /// Held random actions.
+    /// Random actions, each held for several steps.
     Warmup(Arc<ExplorationConfig>),
     /// A scripted grasp: the hand comes down, closes and rises.
     Attempt(Arc<ExplorationConfig>),
@@ -34,11 +34,11 @@ pub struct EpisodeJob {
     pub stream: &'static str,
     /// Number of the episode in that family.
     pub index: u64,
-    /// Index of the scene; drawn at random when there is none.
+    /// Index of the scene; if absent, drawn at random.
     pub scene: Option<usize>,
-    /// Who acts.
+    /// The policy.
     pub policy: Policy,
-    /// How.
+    /// How the actions are chosen.
     pub behaviour: Behaviour,
 }
 
@@ -51,11 +51,11 @@ pub struct Episode {
     pub scene: usize,
     /// Whether the last steps all succeeded.
     pub success: bool,
-    /// Whether the simulation diverged; then nothing below is of use.
+    /// Whether the simulation diverged; then data, posture and distance are not usable.
     pub diverged: bool,
-    /// Whether the policy acted alone.
+    /// Whether the policy acted without noise.
     pub greedy: bool,
-    /// Everything that replay stores.
+    /// The data that replay stores.
     pub data: EpisodeData,
     /// Values of the posture's joints at the end, in rad and m.
     pub posture: Vec<f64>,
@@ -65,7 +65,7 @@ pub struct Episode {
     pub held_steps: u64,
     /// Deepest penetration between object and hand in the last steps, in m.
     pub penetration: f64,
-    /// What MuJoCo warned of.
+    /// Counts of MuJoCo's warnings.
     pub warnings: WarningCounts,
 }
 
@@ -83,7 +83,7 @@ pub fn episode_shape(task: &GraspTask) -> EpisodeShape {
 /// Simulates one episode.
 ///
 /// # Errors
-/// [`TrainError::Sim`] for anything but divergence, which is reported in the episode.
+/// [`TrainError::Sim`] for every failure except divergence, which the episode reports.
 pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &EpisodeJob) -> Result<Episode, TrainError> {
     let task = Arc::clone(env.task());
     let shape = episode_shape(&task);
@@ -190,7 +190,7 @@ impl WorkerPool {
                 let mut scratch: Option<PolicyScratch> = None;
                 for job in inbox {
                     let scratch = scratch.get_or_insert_with(|| job.policy.scratch());
-                    // A panic is a defect; it must reach `collect` rather than leave it waiting.
+                    // A panic is a defect. Without this report, `collect` would wait for ever.
                     let outcome = catch_unwind(AssertUnwindSafe(|| run_episode(&mut env, scratch, &job)))
                         .unwrap_or(Err(TrainError::WorkerLost));
                     if outbox.send(outcome).is_err() {
@@ -207,7 +207,7 @@ impl WorkerPool {
         Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0 })
     }
 
-    /// Hands episodes to the threads.
+    /// Submits episodes to the threads.
     ///
     /// # Errors
     /// [`TrainError::WorkerLost`] when every thread has ended.
@@ -219,10 +219,10 @@ impl WorkerPool {
         Ok(())
     }
 
-    /// Waits for every episode handed in, and returns them in the order of their numbers.
+    /// Waits for all submitted episodes, and returns them in the order of their numbers.
     ///
     /// # Errors
-    /// The first error of a thread; [`TrainError::WorkerLost`] when one ended.
+    /// The first error of a thread; [`TrainError::WorkerLost`] when a thread has ended.
     pub fn collect(&mut self) -> Result<Vec<Episode>, TrainError> {
         let mut episodes = Vec::with_capacity(self.pending);
         while self.pending > 0 {
@@ -239,7 +239,7 @@ impl Drop for WorkerPool {
     fn drop(&mut self) {
         self.jobs = None;
         for thread in self.threads.drain(..) {
-            // A thread that panicked has been noticed by `collect`; there is nothing left to save in it.
+            // `collect` has reported a thread that panicked, and the thread has no more results.
             let _ = thread.join();
         }
     }

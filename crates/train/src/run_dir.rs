@@ -15,7 +15,7 @@ pub(crate) const CONFIG: &str = "config.toml";
 const PROVENANCE: &str = "provenance.toml";
 pub(crate) const LOCK: &str = ".lock";
 
-/// A run directory that this process alone writes to.
+/// A run directory, locked for this process.
 pub struct RunDirectory {
     path: PathBuf,
     _lock: File,
@@ -24,7 +24,7 @@ pub struct RunDirectory {
 impl RunDirectory {
     /// Creates a new run directory with its configuration and provenance.
     ///
-    /// Without `out` it is `runs/<hand>-<preset>-l<lambda>-s<seed>-<n>` for the first `n` that is free.
+    /// Without `out` the directory is `runs/<hand>-<preset>-l<lambda>-s<seed>-<n>`, with the first unused `n`.
     ///
     /// # Errors
     /// [`TrainError::RunExists`] when `out` exists and is not empty; [`TrainError::File`] when it cannot be written.
@@ -49,7 +49,7 @@ impl RunDirectory {
     /// Opens a run directory to continue the run in it.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when it holds no configuration, [`TrainError::Locked`] when a process writes to it.
+    /// [`TrainError::NotARun`] when it holds no configuration, [`TrainError::Locked`] when another process uses it.
     pub fn open(path: &Path) -> Result<RunDirectory, TrainError> {
         require_run(path)?;
         Ok(RunDirectory { _lock: lock(path)?, path: path.to_owned() })
@@ -77,17 +77,17 @@ impl RunDirectory {
 /// Reads the configuration of the run in a directory.
 ///
 /// # Errors
-/// [`TrainError::NotARun`] when there is none, [`TrainError::Config`] when it is not valid.
+/// [`TrainError::NotARun`] when the directory is no run, [`TrainError::Config`] when its configuration is not valid.
 pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
     require_run(path)?;
     Ok(RunConfig::read(&path.join(CONFIG))?)
 }
 
-/// Reads the settings of the run in a directory, also where another version of this program wrote keys that this one does
-/// not have.
+/// Reads the settings of the run in a directory. Unknown keys are allowed, because another version of this program may have
+/// written them.
 ///
 /// # Errors
-/// [`TrainError::NotARun`] when there are none, [`TrainError::Config`] when they are not TOML.
+/// [`TrainError::NotARun`] when the directory is no run, [`TrainError::Config`] when its settings are not TOML.
 pub fn read_settings(run: &Path) -> Result<Settings, TrainError> {
     require_run(run)?;
     let path = run.join(CONFIG);
@@ -133,7 +133,7 @@ fn first_free(parent: &Path, config: &RunConfig, hand: &str) -> Result<PathBuf, 
     Err(TrainError::RunExists { path: parent.join(stem) })
 }
 
-/// Takes the lock of a directory, which is held until the file is dropped.
+/// Locks a directory until the returned file is dropped.
 pub(crate) fn lock(directory: &Path) -> Result<File, TrainError> {
     let path = directory.join(LOCK);
     let file = OpenOptions::new()

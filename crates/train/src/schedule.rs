@@ -1,11 +1,11 @@
-//! What changes in the course of training: learning rates, exploration noise, and which episodes are scripted grasps.
+//! Schedules of training: learning rates, exploration noise, and which episodes are scripted grasps.
 
 use crate::config::TrainingConfig;
 
 impl TrainingConfig {
     /// (episode, mean number of steps that held an object in the last episodes) => whether the episode is a scripted grasp
     ///
-    /// After warm-up, and while objects are seldom held, every other episode is one.
+    /// After warm-up, every other episode is a scripted grasp while objects are seldom held.
     pub fn attempts(&self, episode: u64, held_steps: f64) -> bool {
         episode >= self.warmup_episodes && held_steps < self.least_held_steps && episode % 2 == 1
     }

@@ -1,4 +1,4 @@
-//! `status.json`: how far a run is, for whoever watches it from another process.
+//! `status.json`: a run's progress, for other processes that watch it.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -9,10 +9,10 @@ use crate::progress::Status;
 
 /// Name of the file in a run directory.
 pub const STATUS: &str = "status.json";
-/// Least time between two writings.
+/// Shortest time between two writes.
 const EVERY: Duration = Duration::from_millis(500);
 
-/// Writes the file of a run.
+/// Writer of a run's status file.
 pub(crate) struct StatusFile {
     path: PathBuf,
     written: Option<Instant>,
@@ -24,7 +24,7 @@ impl StatusFile {
         StatusFile { path: run.join(STATUS), written: None }
     }
 
-    /// Writes the state, at most twice a second and when it is the last.
+    /// Writes the state, unless the last write is very recent. The final state is always written.
     ///
     /// # Errors
     /// [`FileError`].
@@ -39,12 +39,12 @@ impl StatusFile {
     }
 }
 
-/// Reads the file of a run directory; none where there is none yet, or it cannot be read.
+/// Reads the status in a run directory; none if the file is missing or cannot be read.
 pub fn read_status(run: &Path) -> Option<Status> {
     serde_json::from_slice(&std::fs::read(run.join(STATUS)).ok()?).ok()
 }
 
-/// Removes what an earlier process of the run left.
+/// Removes the status file of an earlier process of the run.
 ///
 /// # Errors
 /// [`FileError`].

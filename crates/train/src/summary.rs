@@ -1,4 +1,4 @@
-//! `summary.json`: a run in numbers.
+//! `summary.json`: the results of a run.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -23,7 +23,7 @@ pub enum StoppedBy {
 }
 
 impl StoppedBy {
-    /// Returns the name as the file has it.
+    /// Returns the name in the file.
     pub fn name(self) -> &'static str {
         match self {
             StoppedBy::Episodes => "episodes",
@@ -32,7 +32,7 @@ impl StoppedBy {
     }
 }
 
-/// What a run reached.
+/// Results of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Version of these keys.
@@ -49,21 +49,21 @@ pub struct Summary {
     pub episodes: u64,
     /// Control steps in training.
     pub env_steps: u64,
-    /// Minibatches learned from.
+    /// Updates of the learner, one for each minibatch.
     pub updates: u64,
     /// Wall time in s, evaluations included.
     pub wall_s: f64,
-    /// Share of the final evaluation's episodes that succeeded; null when the run was interrupted before it.
+    /// Share of the final evaluation's episodes that succeeded; null if the run was interrupted before.
     pub success_rate: Option<f64>,
-    /// The same for each object.
+    /// Success rate with each object in the final evaluation.
     pub success_rate_per_object: BTreeMap<String, f64>,
     /// Episodes of the final evaluation.
     pub eval_episodes: u64,
-    /// Those that succeeded.
+    /// Successful episodes of the final evaluation.
     pub eval_successes: Option<u64>,
-    /// Mean over the final evaluation's successes of the deepest penetration between object and hand, in m.
+    /// Deepest penetration between object and hand, averaged over the final evaluation's successes, in m.
     pub mean_penetration_m: Option<f64>,
-    /// Training episodes before the policy that was kept.
+    /// Training episodes before the run's policy.
     pub policy_episode: u64,
     /// Success rate at the last evaluation during training.
     pub last_evaluation: Option<f64>,
@@ -71,15 +71,15 @@ pub struct Summary {
     pub n_postures: u64,
     /// Contribution rate of each component.
     pub contribution: Vec<f64>,
-    /// Their sum.
+    /// Sum of the contribution rates.
     pub contribution_sum: Option<f64>,
-    /// Mean approximation error over the postures that the synergy is of, in joint space.
+    /// Mean approximation error over the postures that the synergy covers, in joint space.
     pub mean_error_rad: Option<f64>,
     /// Training episodes whose simulation diverged; they were discarded.
     pub diverged_episodes: u64,
-    /// Steps with a full contact or constraint buffer or a bad inertia in training.
+    /// Training steps at which MuJoCo warned of a full contact or constraint buffer, or of a bad inertia.
     pub buffer_warnings: u64,
-    /// What MuJoCo warned of in the final evaluation.
+    /// Counts of MuJoCo's warnings in the final evaluation.
     pub eval_warnings: WarningCounts,
     /// Version of MuJoCo.
     pub mujoco_version: String,
@@ -91,7 +91,7 @@ impl Summary {
     /// Reads the file of a run directory; a run that has not ended yet has none.
     ///
     /// # Errors
-    /// [`TrainError::File`], or [`TrainError::Damaged`] when it is not such a file.
+    /// [`TrainError::File`], or [`TrainError::Damaged`] when the file is not a summary.
     pub fn read(run: &Path) -> Result<Option<Summary>, TrainError> {
         let path = run.join(SUMMARY);
         let text = match std::fs::read_to_string(&path) {
@@ -102,7 +102,7 @@ impl Summary {
         serde_json::from_str(&text).map(Some).map_err(|error| TrainError::Damaged {
             path,
             reason: error.to_string(),
-            mend: "move the file away and continue the run with --resume, which writes it anew".to_owned(),
+            mend: "move the file away, then continue the run with --resume to write it again".to_owned(),
         })
     }
 

@@ -1,4 +1,4 @@
-//! The grasp task of a configuration, and the commands of its postures.
+//! The grasp task of a configuration, and the map from its postures to commands.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ pub fn task_of(config: &RunConfig, hand: &Hand, library: &Arc<MuJoCo>) -> Result
     Ok(Arc::new(GraspTask::new(library, hand, &config.setting())?))
 }
 
-/// Returns the map from a posture to the commands of a task's actuators, clamped as the task's actions are.
+/// Returns the map from a posture to the commands of a task's actuators, with the limits of the task's actions.
 pub fn actuation_map(hand: &Hand, task: &GraspTask) -> ActuationMap {
     let (control_min, control_max) = task.control_ranges.iter().copied().unzip();
     ActuationMap { actuators: task.actuators.clone(), control_min, control_max, ..hand.actuation() }

@@ -1,10 +1,10 @@
-//! The threads that share the parts of an update.
+//! The threads that share the work of an update.
 
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::error::TrainError;
 
-/// Starts the threads that share the parts of an update.
+/// Starts the threads that share the work of an update.
 ///
 /// # Errors
 /// [`TrainError::Thread`].

@@ -1,8 +1,8 @@
 //! The training loop.
 //!
-//! A cycle stores the episodes that the workers simulated meanwhile, hands them the next ones with the present policy, and
-//! learns while they run. So rollouts overlap with learning, act with a policy that is one cycle old, and depend on
-//! nothing but seed and configuration.
+//! In each cycle, the trainer stores the episodes that the workers have simulated, submits the next episodes with the
+//! current policy, and learns while they run. So rollouts overlap with learning, and their policy is one cycle old. Their
+//! results depend only on the seed and the configuration.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -30,7 +30,7 @@ use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
 use crate::task::actuation_map;
 use crate::threads::learning_threads;
 
-/// A run that trains.
+/// A training run.
 pub struct Trainer {
     pub(crate) assignment: Assignment,
     pub(crate) pool: WorkerPool,
@@ -46,7 +46,7 @@ pub struct Trainer {
     journal: Journal,
     pub(crate) counters: Counters,
     pub(crate) finalists: Finalists,
-    /// Seconds of wall time before this process took the run on.
+    /// Wall time of the run before this process resumed it, in s.
     wall_before: f64,
     started: Instant,
 }
@@ -55,7 +55,7 @@ impl Trainer {
     /// Prepares a new run in a directory that [`RunDirectory::create`] made.
     ///
     /// # Errors
-    /// Anything that is wrong with the configuration, the hand or the directory.
+    /// The first fault of the configuration, the hand or the directory.
     pub fn create(assignment: Assignment) -> Result<Trainer, TrainError> {
         let Assignment { config, task, run, .. } = &assignment;
         let learner = Ddpg::new(
@@ -72,7 +72,7 @@ impl Trainer {
     /// Continues the run in a directory from its newest checkpoint, as if it had not stopped.
     ///
     /// # Errors
-    /// [`TrainError::Damaged`] when a file of the checkpoint is, besides those of [`create`](Self::create).
+    /// [`TrainError::Damaged`] for a damaged file of the checkpoint, and the errors of [`create`](Self::create).
     pub fn resume(assignment: Assignment) -> Result<Trainer, TrainError> {
         let Assignment { config, task, run, .. } = &assignment;
         let (checkpoints, restored) =
@@ -132,17 +132,17 @@ impl Trainer {
     /// Trains until all episodes are done or `stop` is set.
     ///
     /// # Errors
-    /// What stopped the run; the newest checkpoint stays valid.
+    /// The error that stopped the run; the newest checkpoint stays valid.
     pub(crate) fn train(&mut self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<(), TrainError> {
         self.started = Instant::now();
         let mut saved_at = self.counters.episodes;
         progress.update(&self.status(0.0));
         if self.counters.episodes == 0 {
-            // So that a run that is killed early can be resumed too.
+            // With this checkpoint, a run that is killed early can be resumed too.
             self.save()?;
         }
         let mut submitted = self.submit(self.counters.episodes)?;
-        // A checkpoint is taken between a cycle's episodes and what is learned after them.
+        // A checkpoint holds a cycle's episodes but not yet the updates for them, so a resumed run starts with these.
         self.learn()?;
         let RunConfig { training, evaluation, episodes: total, .. } = self.assignment.config.clone();
         while self.counters.episodes < total {
@@ -176,7 +176,7 @@ impl Trainer {
         Ok(())
     }
 
-    /// Hands the next cycle's episodes to the workers.
+    /// Submits the next cycle's episodes to the workers.
     fn submit(&mut self, first: u64) -> Result<u64, TrainError> {
         let config = &self.assignment.config;
         let training = &config.training;
@@ -209,7 +209,7 @@ impl Trainer {
         Ok(last)
     }
 
-    /// Takes a cycle's episodes into replay, normalisers, posture database and synergy.
+    /// Adds a cycle's episodes to replay, normalisers, posture database and synergy.
     fn store(&mut self, episodes: Vec<Episode>) -> Result<(), TrainError> {
         let Assignment { config, task, .. } = &self.assignment;
         let stored = self.postures.store(&episodes, task)?;
@@ -228,14 +228,14 @@ impl Trainer {
         if stored > 0 { self.refit() } else { Ok(()) }
     }
 
-    /// Computes the synergy of the postures so far, and what follows from it for reward and actor.
+    /// Computes the synergy of the postures so far, and updates its feedback into reward and actor.
     fn refit(&mut self) -> Result<(), TrainError> {
         self.reward.feedback.follow(self.postures.fit()?);
         self.learner.set_action_cost(self.reward.feedback.action_cost(&self.actuation));
         Ok(())
     }
 
-    /// Learns as many minibatches as the episodes so far allow.
+    /// Makes all updates that the episodes so far allow.
     fn learn(&mut self) -> Result<(), TrainError> {
         let config = &self.assignment.config;
         if self.counters.episodes < config.training.warmup_episodes || self.replay.is_empty() {
@@ -305,12 +305,12 @@ impl Trainer {
         &self.assignment.task
     }
 
-    /// Returns the replay, which measurements fill.
+    /// Returns the replay, for benchmarks that fill it.
     pub fn replay_mut(&mut self) -> &mut Replay {
         &mut self.replay
     }
 
-    /// Returns the seconds of wall time that the run has taken.
+    /// Returns the wall time of the run so far, in s.
     pub(crate) fn wall_s(&self) -> f64 {
         self.wall_before + self.started.elapsed().as_secs_f64()
     }

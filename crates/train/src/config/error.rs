@@ -1,4 +1,4 @@
-//! What can be wrong with a configuration.
+//! Errors of a configuration.
 
 use std::path::PathBuf;
 
@@ -19,7 +19,7 @@ pub enum ConfigError {
     Syntax {
         /// File or option.
         origin: String,
-        /// Position and reason.
+        /// Position and fault.
         reason: String,
     },
     /// A key does not exist.
@@ -37,21 +37,21 @@ pub enum ConfigError {
     Value {
         /// File with line, or option, that set the value.
         origin: String,
-        /// The key, what is expected and what was given.
+        /// The key, the expected value and the given value.
         reason: String,
     },
 }
 
-/// A setting that is out of range, wherever its value came from.
+/// A setting that is out of range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{key} = {got} is not allowed: expected {expected}")]
 pub struct InvalidSetting {
     /// Dotted key.
     pub key: String,
-    /// Other keys that the expectation depends on.
+    /// Other keys on which the expected range depends.
     pub related: &'static [&'static str],
-    /// What is expected.
+    /// The expected range.
     pub expected: String,
-    /// What was given.
+    /// The given value.
     pub got: String,
 }

@@ -10,21 +10,21 @@ use super::error::{ConfigError, InvalidSetting};
 use super::settings::parse_settings;
 use super::{DEFAULT, Preset, RunConfig};
 
-/// How alike two keys must be for one to be suggested for the other.
+/// Least similarity at which a known key is suggested for an unknown one.
 const ALIKE: f64 = 0.7;
 
-/// Layers of configuration, each checked against the keys of the default as it is added.
+/// Layers of configuration. Each layer may hold only keys of the default, and is checked when it is added.
 #[derive(Clone, Debug)]
 pub struct Layers {
     merged: Table,
-    /// Where the value of each key was set, for the keys that are not the default's.
+    /// The file with line, or the option, that set each key; without the keys that still have the default's value.
     origins: BTreeMap<String, String>,
 }
 
 /// One value of a layer.
 struct Entry {
     key: String,
-    /// None for a table without entries.
+    /// `None` for a table without entries.
     value: Option<Value>,
     origin: String,
 }
@@ -33,7 +33,7 @@ impl Layers {
     /// Starts from the default and a preset.
     ///
     /// # Errors
-    /// None in a build whose tests pass: the texts are compiled in.
+    /// None in practice: the texts are compiled in, and the tests read them.
     pub fn new(preset: Preset) -> Result<Layers, ConfigError> {
         let merged = DEFAULT.parse().map_err(|error: toml::de::Error| ConfigError::Syntax {
             origin: DEFAULT_ORIGIN.to_owned(),
@@ -47,11 +47,11 @@ impl Layers {
         Ok(layers)
     }
 
-    /// Starts from a resolved configuration, as a run directory holds it.
+    /// Starts from the resolved configuration of a run directory.
     ///
     /// # Errors
-    /// [`ConfigError`] names the file and the key. A key that the file lacks is an error too: a run goes on as it began,
-    /// whatever the defaults have become.
+    /// [`ConfigError`] names the file and the key. A missing key is an error too: a run continues with the settings that it
+    /// began with, even if the defaults have changed since.
     pub fn of_run(path: &Path) -> Result<Layers, ConfigError> {
         let mut layers = Layers::new(Preset::Default)?;
         let required = layers.resolve()?.settings()?;
@@ -62,7 +62,7 @@ impl Layers {
         match required.into_keys().find(|key| !written.contains_key(key)) {
             Some(key) => Err(ConfigError::Value {
                 origin,
-                reason: format!("{key} is absent: another version wrote it; use that version, or train again"),
+                reason: format!("{key} is absent: another version of this program wrote the file; use that version, or start a new run"),
             }),
             None => Ok(layers),
         }
@@ -76,7 +76,7 @@ impl Layers {
         entries(origin, text)?.into_iter().try_for_each(|entry| self.add(entry))
     }
 
-    /// Adds a `key=value` with a dotted key; the value is TOML, or text when it is not.
+    /// Adds a `key=value` with a dotted key. A value that is not TOML is taken as text.
     ///
     /// # Errors
     /// [`ConfigError`] names the key.
@@ -100,10 +100,10 @@ impl Layers {
         self.add(Entry { key: key.to_owned(), value: Some(value.into()), origin: origin.to_owned() })
     }
 
-    /// Reads the sum of the layers.
+    /// Combines the layers into a configuration, and checks it.
     ///
     /// # Errors
-    /// [`ConfigError::Value`] names the file and line, or the option, that set a value which is out of range.
+    /// [`ConfigError::Value`] names the file and line, or the option, of a value that is out of range.
     pub fn resolve(&self) -> Result<RunConfig, ConfigError> {
         let config =
             self.config().map_err(|reason| ConfigError::Value { origin: DEFAULT_ORIGIN.to_owned(), reason })?;
@@ -113,12 +113,12 @@ impl Layers {
         Ok(config)
     }
 
-    /// Returns the file with line, or the option, that set a key; none where the default holds.
+    /// Returns the file with line, or the option, that set a key; none if no layer set it.
     pub fn origin(&self, key: &str) -> Option<&str> {
         self.origins.get(key).map(String::as_str)
     }
 
-    /// Returns where the value of a setting, or else of one that it depends on, was set.
+    /// Returns the layer that set an invalid value, or else a layer that set a value on which its range depends.
     fn culprit(&self, invalid: &InvalidSetting) -> String {
         let mut keys = std::iter::once(invalid.key.as_str()).chain(invalid.related.iter().copied());
         keys.find_map(|key| self.origin(key)).unwrap_or(DEFAULT_ORIGIN).to_owned()
@@ -135,10 +135,10 @@ impl Layers {
         let Some(value) = value else { return Ok(()) };
         let shown = value.to_string();
         match (&mut *slot, value) {
-            // TOML writes 1 where a float is meant.
+            // A user may write 1 for 1.0.
             (Value::Float(slot), Value::Integer(whole)) => *slot = whole as f64,
             (Value::Table(_), _) => {
-                let reason = format!("{key} = {shown} is not allowed: {key} is a table of settings");
+                let reason = format!("{key} = {shown} is not allowed: {key} is a table; set its keys one by one");
                 return Err(ConfigError::Value { origin, reason });
             }
             (slot, value) => *slot = value,
@@ -151,7 +151,7 @@ impl Layers {
     }
 }
 
-/// What an error names when nobody set a value.
+/// The origin that an error names if no layer set the value.
 const DEFAULT_ORIGIN: &str = "the default configuration";
 
 /// Reads the text of a layer.
@@ -162,12 +162,12 @@ pub(crate) fn read_layer(path: &Path) -> Result<String, ConfigError> {
     std::fs::read_to_string(path).map_err(|source| ConfigError::Read { path: path.to_owned(), source })
 }
 
-/// Reads one value as TOML writes it.
+/// Reads one TOML value.
 fn toml_value(text: &str) -> Option<Value> {
     format!("value = {text}").parse::<Table>().ok()?.remove("value")
 }
 
-/// Finds the value of a dotted key, or says which part of the key does not exist.
+/// Finds the value of a dotted key. The error names the part of the key that does not exist.
 fn find<'a>(table: &'a mut Table, key: &str, origin: &str) -> Result<&'a mut Value, ConfigError> {
     let unknown =
         |key: &str, nearest| ConfigError::UnknownKey { origin: origin.to_owned(), key: key.to_owned(), nearest };
@@ -188,7 +188,7 @@ fn find<'a>(table: &'a mut Table, key: &str, origin: &str) -> Result<&'a mut Val
     }
 }
 
-/// Returns the key of a table that is most like a word, if one is alike.
+/// Returns the key of a table that is most similar to a word, if any is similar enough.
 fn nearest<'a>(table: &'a Table, word: &str) -> Option<&'a String> {
     let scored = table.keys().map(|known| (strsim::jaro_winkler(known, word), known));
     scored.filter(|(score, _)| *score > ALIKE).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, known)| known)
@@ -228,7 +228,7 @@ fn collect(
                 None => {
                     return Err(ConfigError::Syntax {
                         origin: here,
-                        reason: format!("the value of {key} cannot be read"),
+                        reason: format!("cannot read the value of {key}; expected a TOML value"),
                     });
                 }
             },

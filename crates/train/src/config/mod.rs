@@ -1,8 +1,8 @@
 //! The configuration of a run, in layers: default <- preset <- file <- `--set key=value` <- options.
 //!
-//! This file is the schema. Each of the [`Layers`] is a TOML table that may hold only keys of the default; their sum is
-//! [checked](RunConfig::validate) and written, fully resolved, into the run directory. The numbers of the defaults are in
-//! `presets/default.toml` alone.
+//! This file is the schema. Each of the [`Layers`] is a TOML table that may hold only keys of the default. The combined
+//! layers are [checked](RunConfig::validate) and written, fully resolved, into the run directory. Only
+//! `presets/default.toml` holds the numbers of the defaults.
 
 use std::path::Path;
 
@@ -38,7 +38,7 @@ pub enum Preset {
     /// The settings that learn best.
     #[default]
     Default,
-    /// One object and a small range: what a newcomer tries.
+    /// One object and a small range, for a first try.
     Quick,
     /// The constants of the paper and of OpenAI baselines.
     Paper,
@@ -48,7 +48,7 @@ impl Preset {
     /// Every preset.
     pub const ALL: [Preset; 3] = [Preset::Default, Preset::Quick, Preset::Paper];
 
-    /// Returns the name as `--preset` takes it.
+    /// Returns the name for `--preset`.
     pub fn name(self) -> &'static str {
         match self {
             Preset::Default => "default",
@@ -57,7 +57,7 @@ impl Preset {
         }
     }
 
-    /// Says in a line what the preset is for.
+    /// Returns one line that describes the preset.
     pub fn meaning(self) -> &'static str {
         match self {
             Preset::Default => "The settings that learn best",
@@ -87,16 +87,17 @@ pub struct RunConfig {
     pub preset: Preset,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Weight of the synergy's feedback into the learner; in the reward that of the approximation error (paper, section 2.2).
+    /// Weight of the synergy's feedback into the learner: of the penalty on the reward (paper, section 2.2), and of the cost
+    /// of commands.
     pub lambda: f64,
     /// Training episodes.
     pub episodes: u64,
     /// Names of the objects, drawn uniformly.
     pub objects: Vec<String>,
-    /// Threads that simulate; 0 means one for each core. As many share each update of the learner. The result does not
-    /// depend on it.
+    /// Threads that simulate; 0 means one for each core. The same number of threads shares each update of the learner. The
+    /// result does not depend on this number.
     pub workers: usize,
-    /// Whether the run directory gets event files for TensorBoard.
+    /// Whether event files for TensorBoard are written into the run directory.
     pub tensorboard: bool,
     /// The training loop.
     pub training: TrainingConfig,
@@ -126,26 +127,26 @@ pub struct TrainingConfig {
     pub episodes_per_cycle: usize,
     /// Minibatches for each episode.
     pub updates_per_episode: f64,
-    /// First episodes, which act at random; no update before them.
+    /// First episodes, with random actions; updates begin after them.
     pub warmup_episodes: u64,
     /// If fewer steps than this hold the object (mean of the last [`HELD_WINDOW`] episodes), every other episode is a
     /// scripted grasp; needs `closing` in `hand.toml`.
     pub least_held_steps: f64,
-    /// Factor on the time that random actions of the slide are held, against those of the fingers; at least 1.
+    /// Random actions of the slide are held this many times longer than those of the fingers; at least 1.
     pub slide_hold: f32,
-    /// Share of training after which learning rates fall linearly to `final_learning_rate`; 1 is never.
+    /// Share of training after which learning rates fall linearly to `final_learning_rate`; 1 means never.
     pub decay_start: f64,
     /// Factor on both learning rates at the end of training.
     pub final_learning_rate: f64,
     /// Shares of training between which the exploration noise falls linearly to `final_noise`.
     pub noise_decay: [f64; 2],
-    /// Factor on the noise's standard deviation and on the probability of random actions in the end.
+    /// Factor on the noise's standard deviation and on the probability of random actions at the end of training.
     pub final_noise: f64,
     /// Episodes that replay holds.
     pub replay_episodes: usize,
     /// Episodes between two checkpoints.
     pub checkpoint_every: u64,
-    /// Checkpoints kept.
+    /// Number of newest checkpoints that are kept.
     pub checkpoints_kept: usize,
 }
 
@@ -160,14 +161,14 @@ pub struct EvaluationConfig {
     pub every: u64,
     /// Episodes of an evaluation during training.
     pub episodes: u64,
-    /// Episodes of the final evaluation, on seeds of its own.
+    /// Episodes of the final evaluation; no other evaluation uses the same episodes.
     pub final_episodes: u64,
-    /// Networks that act: online, target or average.
+    /// Actor networks that act: online, target or average.
     pub actor: ActorChoice,
-    /// Policies of the best evaluations that are compared again at the end, where the best of them becomes the result;
-    /// 0 takes the last policy instead.
+    /// Number of policies with the best evaluations. They are compared again at the end, and the best becomes the result.
+    /// With 0, the last policy becomes the result.
     pub finalists: usize,
-    /// Episodes of that comparison, for each finalist.
+    /// Episodes of this comparison, for each of these policies.
     pub selection_episodes: u64,
 }
 
@@ -177,14 +178,15 @@ pub struct EvaluationConfig {
 pub struct SynergyConfig {
     /// Principal components (paper, section 3.1).
     pub components: usize,
-    /// Newest postures that the analysis covers; 0 is all.
+    /// Number of newest postures that the analysis covers; 0 means all.
     pub window: usize,
     /// The feedback starts when the analysis covers more postures than this (paper, section 4).
     pub start_after: usize,
     /// Penalty on the reward of a success.
     pub penalty: Penalty,
-    /// Cost of commands that the synergy cannot produce, in the actor's loss: this weight, times lambda, times the squared
-    /// distance between the command and the synergy's commands, for transitions that succeed. In 1/rad^2.
+    /// Weight of the cost of commands that the synergy cannot produce. The actor's loss contains this weight times lambda
+    /// times the squared distance from a command to the nearest command that the synergy can produce, for transitions that
+    /// succeed. In 1/rad^2.
     pub command_weight: f64,
 }
 
@@ -192,12 +194,12 @@ impl RunConfig {
     /// Returns the default configuration.
     ///
     /// # Errors
-    /// None in a build whose tests pass: the text is compiled in.
+    /// None in practice: the text is compiled in, and the tests read it.
     pub fn default_preset() -> Result<RunConfig, ConfigError> {
         Layers::new(Preset::Default)?.resolve()
     }
 
-    /// Reads a resolved configuration, as a run directory holds it.
+    /// Reads the resolved configuration of a run directory.
     ///
     /// # Errors
     /// [`ConfigError`] names the file and the key.
@@ -232,7 +234,7 @@ impl RunConfig {
         }
     }
 
-    /// Returns the synergy's feedback before there is a synergy.
+    /// Returns the synergy's feedback; it has no synergy yet.
     pub fn feedback(&self) -> Feedback {
         let SynergyConfig { penalty, command_weight, start_after, .. } = self.synergy;
         Feedback::new(self.lambda, penalty, command_weight, start_after)

@@ -1,4 +1,4 @@
-//! Settings as dotted keys with values, and what sets two configurations apart.
+//! Settings as dotted keys with values, and the differences between two configurations.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ use toml::{Table, Value};
 
 use super::error::ConfigError;
 
-/// Every setting by its dotted key, as TOML writes its value.
+/// The TOML value of every setting, by its dotted key.
 pub type Settings = BTreeMap<String, String>;
 
-/// Reads settings from TOML that holds any keys.
+/// Reads settings from TOML; unknown keys are allowed.
 pub(crate) fn parse_settings(origin: &str, text: &str) -> Result<Settings, ConfigError> {
     let table: Table = text.parse().map_err(|error: toml::de::Error| ConfigError::Syntax {
         origin: origin.to_owned(),
@@ -30,7 +30,7 @@ fn flatten(table: Table, prefix: &str, settings: &mut Settings) {
     }
 }
 
-/// Lists the keys whose values differ, with both; a key that one side lacks has no value there.
+/// Lists the keys whose values differ, with both values; `None` for a side without the key.
 pub fn differences<'a>(a: &'a Settings, b: &'a Settings) -> Vec<(&'a str, Option<&'a str>, Option<&'a str>)> {
     let absent = b.keys().filter(|key| !a.contains_key(*key));
     let mut keys: Vec<&String> = a.keys().chain(absent).collect();

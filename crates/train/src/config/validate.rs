@@ -7,7 +7,7 @@ use super::error::InvalidSetting;
 use super::{RunConfig, SCHEMA};
 use crate::feedback::Penalty;
 
-/// Largest weight of a feedback: single precision squares it without overflow.
+/// Largest weight of the feedback; its square does not overflow in single precision.
 const LARGEST_WEIGHT: f64 = 1e6;
 
 type Outcome = Result<(), InvalidSetting>;
@@ -16,7 +16,7 @@ impl RunConfig {
     /// Checks every value.
     ///
     /// # Errors
-    /// The first key that is out of range, with what is expected.
+    /// The first key that is out of range, with the expected range.
     pub fn validate(&self) -> Result<(), InvalidSetting> {
         expect(self.schema == SCHEMA, "schema", SCHEMA, self.schema)?;
         weight("lambda", self.lambda)?;
@@ -52,7 +52,7 @@ impl RunConfig {
         share("training.final_noise", t.final_noise)?;
         let [from, to] = t.noise_decay;
         let rising = (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to);
-        expect(rising, "training.noise_decay", "two rising numbers of 0 to 1", format!("{:?}", t.noise_decay))
+        expect(rising, "training.noise_decay", "two numbers from 0 to 1 in ascending order", format!("{:?}", t.noise_decay))
     }
 
     fn validate_evaluation(&self) -> Outcome {
@@ -69,12 +69,12 @@ impl RunConfig {
         positive("synergy.components", s.components as u64)?;
         let least = s.components.max(s.start_after);
         let covers = s.window == 0 || s.window > least;
-        let needed = format!("0 or a number above {least}, as synergy.components and synergy.start_after need");
+        let needed = format!("0 or a number above {least} (the larger of synergy.components and synergy.start_after)");
         expect(covers, "synergy.window", needed, s.window)
             .map_err(|error| related(error, &["synergy.components", "synergy.start_after"]))?;
         weight("synergy.command_weight", s.command_weight)?;
         let one = s.command_weight == 0.0 || s.penalty != Penalty::Literal;
-        let reason = "0 beside a literal penalty, which can make a success earn less than a failure";
+        let reason = "0 with synergy.penalty = literal, because that penalty can make a success earn less than a failure";
         expect(one, "synergy.command_weight", reason, s.command_weight)
             .map_err(|error| related(error, &["synergy.penalty"]))
     }
@@ -104,7 +104,7 @@ fn weight(key: &str, got: f64) -> Outcome {
     expect((0.0..=LARGEST_WEIGHT).contains(&got), key, "a number from 0 to 1e6", got)
 }
 
-/// Names the whole key of a learner's setting.
+/// Turns an error of the learner into one with the whole dotted key.
 fn of_learner(section: &str, error: RlError) -> InvalidSetting {
     match error {
         RlError::Config { field, expected, got } => {
@@ -114,7 +114,7 @@ fn of_learner(section: &str, error: RlError) -> InvalidSetting {
             key: section.to_owned(),
             related: &[],
             expected: other.to_string(),
-            got: "settings that contradict one another".to_owned(),
+            got: "contradictory settings".to_owned(),
         },
     }
 }
@@ -128,7 +128,7 @@ fn of_task(error: SimError) -> InvalidSetting {
             key: "task".to_owned(),
             related: &[],
             expected: other.to_string(),
-            got: "settings that contradict one another".to_owned(),
+            got: "contradictory settings".to_owned(),
         },
     }
 }

@@ -1,4 +1,4 @@
-//! The synergy's feedback into what is learned: a penalty on the reward, and a cost of commands in the actor's loss.
+//! The synergy's feedback into learning: a penalty on the reward, and a cost of commands in the actor's loss.
 
 use eigenhand_rl::ActionCost;
 use eigenhand_synergy::{ActuationMap, Synergy};
@@ -9,7 +9,7 @@ mod reward;
 
 pub use reward::GraspReward;
 
-/// The penalty on the reward of a success whose posture the synergy does not express.
+/// The penalty on the reward of a success with a posture outside the synergy space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Penalty {
@@ -34,30 +34,30 @@ pub struct Feedback {
 }
 
 impl Feedback {
-    /// Returns the feedback before the first analysis, which does nothing yet.
+    /// Returns the feedback before the first analysis; it does nothing yet.
     ///
-    /// `lambda` scales both parts, `command_weight` the cost of commands alone. Nothing feeds back before an analysis covers
-    /// more than `start_after` postures.
+    /// `lambda` scales the penalty and the cost of commands, `command_weight` only the cost. The feedback starts when an
+    /// analysis covers more than `start_after` postures.
     pub fn new(lambda: f64, penalty: Penalty, command_weight: f64, start_after: usize) -> Self {
         Feedback { synergy: None, lambda, penalty, command_weight, start_after }
     }
 
-    /// Takes the newest analysis.
+    /// Replaces the analysis with the newest one.
     pub fn follow(&mut self, synergy: Option<Synergy>) {
         self.synergy = synergy;
     }
 
-    /// Returns the newest analysis, whether or not it feeds back.
+    /// Returns the newest analysis, even if the feedback has not started.
     pub fn synergy(&self) -> Option<&Synergy> {
         self.synergy.as_ref()
     }
 
-    /// Returns the synergy if it feeds back now: it covers enough postures, and `lambda` is not 0.
+    /// Returns the synergy if the feedback is active: the synergy covers enough postures, and `lambda` is not 0.
     fn active(&self) -> Option<&Synergy> {
         self.synergy().filter(|synergy| self.lambda != 0.0 && synergy.n_postures() > self.start_after)
     }
 
-    /// (posture: one number for each joint) => what to subtract from the reward of a success in it
+    /// (posture: one number for each joint) => the penalty to subtract from the reward of a success with this posture
     ///
     /// # Panics
     /// When the penalty is active and the posture has another length.
@@ -71,7 +71,7 @@ impl Feedback {
         }
     }
 
-    /// Returns what actions cost in the actor's loss, on transitions that succeed.
+    /// Returns the cost of actions in the actor's loss, for transitions that succeed; none while the feedback is inactive.
     pub fn action_cost(&self, actuation: &ActuationMap) -> Option<ActionCost> {
         let weight = self.lambda * self.command_weight;
         self.active().filter(|_| weight > 0.0).map(|synergy| command_cost::command_cost(synergy, actuation, weight))
@@ -130,7 +130,7 @@ mod tests {
             feedback.action_cost(&actuation()).map(|cost| cost.cost(&[0.5, 0.25]))
         };
         assert_eq!([cost(0.0, 4.0, 101), cost(1.0, 0.0, 101), cost(1.0, 4.0, 100)], [None; 3]);
-        // The postures vary in the first joint alone, so that the second's command is what costs.
+        // The postures vary only in the first joint, so only the command of the second joint has a cost.
         for (lambda, weight) in [(1.0, 4.0), (2.0, 8.0)] {
             let found = cost(lambda, weight, 101).expect("it feeds back");
             assert!((f64::from(found) - lambda * weight * 0.0625).abs() < 1e-6, "{found}");

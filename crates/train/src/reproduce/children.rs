@@ -1,4 +1,4 @@
-//! One process for each run, some of them side by side, so that a crash costs one run.
+//! Trains each run in its own process, several at a time, so that a crash costs only one run.
 
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom};
@@ -13,15 +13,15 @@ use crate::status::{read_status, remove_status};
 use crate::{Summary, TrainError};
 use eigenhand_files::cannot;
 
-/// Time between two looks at the processes.
+/// Time between two checks of the processes.
 const POLL: Duration = Duration::from_millis(100);
-/// Time between two looks at how far they are.
+/// Time between two reads of their progress.
 const READ_EVERY: Duration = Duration::from_secs(1);
-/// Bytes at the end of a log that are searched for the reason of a failure.
+/// Bytes at the end of a log that are searched for the error of a failed run.
 const TAIL: u64 = 8192;
-/// How the line begins in which a program says why it failed.
+/// Beginning of a program's error message.
 const ERROR: &str = "error: ";
-/// Last lines of a failed run that are shown.
+/// Number of last lines of a failed run that are shown.
 const SHOWN_LINES: usize = 8;
 
 /// How a run ended in this session.
@@ -31,7 +31,7 @@ pub enum Ending {
     WasComplete,
     /// It is complete now.
     Completed,
-    /// It was stopped, or not begun, because the user asked to stop.
+    /// It was stopped, or not started, because the user asked to stop.
     Stopped,
     /// Its process failed.
     Failed {
@@ -51,14 +51,14 @@ struct Running<'a> {
     status: Option<Status>,
 }
 
-/// Trains what is not complete yet, `jobs` runs side by side, and returns how each ended, in the order of the members.
+/// Trains the runs that are not complete, up to `jobs` at a time, and returns how each member ended, in their order.
 ///
-/// `command` makes the command that trains a member, or resumes it where its state says so. At the first request to
-/// stop, which `stop` counts, the processes are interrupted and save; at the second they are killed.
+/// `command` returns the command that trains a member or, depending on its state, resumes it. `stop` counts requests to
+/// stop: after the first, the processes are interrupted and save; after the second, they are killed.
 ///
 /// # Errors
-/// [`TrainError::File`] when a process cannot be waited for, or when what it left behind cannot be read; those that run are
-/// stopped first. That one cannot be started is an [`Ending::Failed`] of that run.
+/// [`TrainError::File`] when waiting for a process fails, or its files cannot be read; running processes are stopped first.
+/// A process that cannot be started is no error of this function: its run has [`Ending::Failed`].
 pub fn train(
     reproduction: &Reproduction,
     jobs: usize,
@@ -142,7 +142,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Takes the processes that have ended out of the running ones.
+    /// Removes the processes that have ended from the running ones.
     fn reap(&mut self, stopping: bool, display: &mut dyn OverviewDisplay) -> Result<(), TrainError> {
         let mut i = 0;
         while i < self.running.len() {
@@ -200,12 +200,12 @@ impl<'a> Session<'a> {
     }
 }
 
-/// No process is left behind, however the session ends: after an error, or when what shows the progress has gone away.
+/// Stops every process when the session ends, also after an error or a panic.
 impl Drop for Session<'_> {
     fn drop(&mut self) {
         self.running.iter_mut().for_each(interrupt);
         for running in &mut self.running {
-            // What led here is the error to report.
+            // The error that led here is the one to report.
             let _ = running.child.wait();
         }
     }
@@ -225,7 +225,8 @@ fn start<'a>(
     let second = log.try_clone().map_err(cannot("open", &member.log))?;
     let mut command = command(member);
     command.stdin(Stdio::null()).stdout(log).stderr(second);
-    // Ctrl-C on a terminal reaches every process of its group: the children are told by this one, and once.
+    // Ctrl-C on a terminal reaches every process of a group. In groups of their own, the children hear of it only from this
+    // process, and only once.
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let child = command.spawn().map_err(cannot("start", Path::new(command.get_program())))?;
     Ok(Running { member, position, child, log_start, status: None })
@@ -234,12 +235,12 @@ fn start<'a>(
 /// Asks a process to save and end.
 fn interrupt(running: &mut Running<'_>) {
     let pid = i32::try_from(running.child.id()).ok().and_then(rustix::process::Pid::from_raw);
-    // A process that has ended meanwhile is as it should be.
+    // It is no error if the process has ended by now.
     let _ = pid.map(|pid| rustix::process::kill_process(pid, rustix::process::Signal::INT));
 }
 
 fn kill(running: &mut Running<'_>) {
-    // As above.
+    // As in `interrupt`.
     let _ = running.child.kill();
 }
 
@@ -278,7 +279,7 @@ fn describe(member: &Member, ending: &Ending) -> String {
     }
 }
 
-/// Reads the end of what a process printed.
+/// Reads the end of a process's output.
 fn tail(running: &Running<'_>) -> std::io::Result<String> {
     let mut file = File::open(&running.member.log)?;
     let length = file.metadata()?.len();

@@ -1,6 +1,6 @@
 //! The experiment of the paper: the same training for several lambdas and seeds, one run directory each.
 //!
-//! [`Reproduction`] is what there is to do and what is done already; [`children`] does it, one process for each run.
+//! [`Reproduction`] lists the runs and their state; [`children`] trains them, one process for each run.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -16,28 +16,28 @@ mod overview;
 
 pub use overview::{Overview, OverviewBars, OverviewDisplay, OverviewLines, Progressing, Silent};
 
-/// Keys in which the runs of one reproduction may differ: what it varies, and what no result depends on.
+/// Keys in which the runs of one reproduction may differ: lambda and seed, and `workers`, which does not affect results.
 pub const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
-/// Differing keys that an error lists before it stops.
+/// Largest number of differing keys that an error lists.
 const LISTED: usize = 5;
 
-/// A reproduction as it is asked for.
+/// Request for a reproduction.
 #[derive(Clone, Debug, Default)]
 pub struct Request {
-    /// Settings of every run; its lambda, seed, workers and directory are not looked at.
+    /// Settings of every run; their lambda, seed, workers and directory are ignored.
     pub settings: NewRun,
-    /// Weights of the approximation error.
+    /// Weights of the synergy's feedback.
     pub lambdas: Vec<f64>,
     /// Seeds.
     pub seeds: Vec<u64>,
-    /// Directory of the runs; absent: `runs/reproduce-<hand>-<preset>`.
+    /// Directory of the runs; if absent, `runs/reproduce-<hand>-<preset>`.
     pub out: Option<PathBuf>,
 }
 
-/// How far a run is.
+/// State of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum State {
-    /// There is nothing to continue.
+    /// It has no checkpoint.
     New,
     /// It can be resumed from its newest checkpoint.
     Interrupted {
@@ -61,13 +61,13 @@ pub struct Member {
     pub episodes: u64,
     /// The run directory.
     pub run: PathBuf,
-    /// What its process printed.
+    /// File with the output of its process.
     pub log: PathBuf,
-    /// How far it is.
+    /// Its state.
     pub state: State,
 }
 
-/// A directory of runs that this process alone works on.
+/// A directory of runs, locked for this process.
 pub struct Reproduction {
     /// The directory.
     pub directory: PathBuf,
@@ -81,17 +81,17 @@ pub struct Reproduction {
 }
 
 impl Reproduction {
-    /// Resolves the settings, looks at what the directory holds, and locks it. Nothing in it is changed.
+    /// Resolves the settings, locks the directory, and finds the state of its runs. No run is changed.
     ///
     /// # Errors
-    /// Whatever is wrong with the settings or the hand; [`TrainError::OtherSettings`] and [`TrainError::HandChanged`]
-    /// when a run in the directory was made otherwise; [`TrainError::Locked`].
+    /// The first fault of the settings or the hand; [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when a run
+    /// in the directory has other settings or another version of the hand; [`TrainError::Locked`].
     pub fn prepare(request: &Request) -> Result<Reproduction, TrainError> {
         refuse_varied(&request.settings)?;
         let (lambdas, seeds) = (distinct(&request.lambdas), distinct(&request.seeds));
         for (option, missing) in [("--lambda", lambdas.is_empty()), ("--seeds", seeds.is_empty())] {
             if missing {
-                let reason = "name at least one".to_owned();
+                let reason = "expected at least one value".to_owned();
                 return Err(TrainError::Option { option: option.to_owned(), reason });
             }
         }
@@ -103,7 +103,7 @@ impl Reproduction {
             hand = Some(found);
         }
         let (Some(config), Some(hand)) = (configs.first().cloned(), hand) else {
-            return Err(TrainError::Option { option: "--seeds".to_owned(), reason: "name at least one".to_owned() });
+            return Err(TrainError::Option { option: "--seeds".to_owned(), reason: "expected at least one value".to_owned() });
         };
         let name = hand.manifest.name.clone();
         let default = || Path::new("runs").join(format!("reproduce-{name}-{}", config.preset.name()));
@@ -143,7 +143,7 @@ impl Member {
         })
     }
 
-    /// Returns the training episodes that need not be trained again.
+    /// Returns the number of training episodes that are done.
     pub fn episodes_done(&self) -> u64 {
         match self.state {
             State::New => 0,
@@ -152,11 +152,11 @@ impl Member {
         }
     }
 
-    /// Makes way for a run that starts anew: removes a directory in which nothing was trained so far.
+    /// Removes the directory of a run without a checkpoint, so that the run can start again.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when the directory holds something else, [`TrainError::Locked`] when a process that was left
-    /// behind still writes there, [`TrainError::File`].
+    /// [`TrainError::NotARun`] when the directory holds other files, [`TrainError::Locked`] when another process still trains
+    /// there, [`TrainError::File`].
     pub(crate) fn clear(&self) -> Result<(), TrainError> {
         let foreign = |entry: &std::fs::DirEntry| {
             let name = entry.file_name();
@@ -222,14 +222,14 @@ fn refuse_varied(settings: &NewRun) -> Result<(), TrainError> {
     };
     for (key, option) in [("lambda", "--lambda"), ("seed", "--seeds"), ("workers", "--jobs")] {
         if assigned(key) {
-            let reason = format!("it is chosen for each run here: use {option}");
+            let reason = format!("reproduce sets this for each run: use {option}");
             return Err(TrainError::Option { option: format!("--set {key}"), reason });
         }
     }
     Ok(())
 }
 
-/// Leaves out what was named before.
+/// Removes repeated values.
 fn distinct<T: PartialEq + Copy>(values: &[T]) -> Vec<T> {
     let mut kept = Vec::new();
     for value in values {

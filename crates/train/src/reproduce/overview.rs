@@ -1,4 +1,4 @@
-//! What a person sees while several runs train.
+//! The display of the progress of several runs.
 
 use std::time::{Duration, Instant};
 
@@ -19,7 +19,7 @@ pub struct Overview {
     pub episodes: u64,
     /// Training episodes in all.
     pub total: u64,
-    /// Time left in s, where it is known.
+    /// Time left in s, if it is known.
     pub left_s: Option<f64>,
     /// The runs that train now.
     pub running: Vec<Progressing>,
@@ -30,7 +30,7 @@ pub struct Overview {
 pub struct Progressing {
     /// Its name.
     pub name: String,
-    /// How far it is.
+    /// Its progress.
     pub status: Status,
 }
 
@@ -59,9 +59,9 @@ impl Progressing {
     }
 }
 
-/// Where the state of all runs goes.
+/// A display of the state of all runs.
 pub trait OverviewDisplay {
-    /// Takes the present state; called about once a second.
+    /// Shows the current state; called about once a second.
     fn update(&mut self, overview: &Overview);
     /// Shows a line that stays.
     fn note(&mut self, line: &str);
@@ -69,7 +69,7 @@ pub trait OverviewDisplay {
     fn finish(&mut self) {}
 }
 
-/// A bar for all runs with a line for each that trains, for a terminal.
+/// For a terminal: a bar for all runs, and a line for each run that trains.
 pub struct OverviewBars {
     bars: MultiProgress,
     all: ProgressBar,
@@ -125,7 +125,7 @@ impl OverviewDisplay for OverviewBars {
 
     fn finish(&mut self) {
         self.lines.drain(..).for_each(|line| line.finish_and_clear());
-        // The position stays what it is, as the runs may have been stopped.
+        // The bar keeps its position, because the runs may have been stopped.
         self.all.abandon();
     }
 }

@@ -1,9 +1,8 @@
 //! Event files for TensorBoard: the rows of `metrics.csv` as curves over the training episodes.
 //!
-//! Everything in an event file follows from `metrics.csv` and the time at which the run began. So a run that goes on
-//! from a checkpoint writes a new file from the rows that were kept and removes the old one, and no event appears twice
-//! or belongs to an episode that is played again. The new file has a later name, by which a TensorBoard that is running
-//! notices it.
+//! An event file is computed from `metrics.csv` and the start time of the run. A resumed run writes a new file from the rows
+//! that it keeps, and removes the old file. So no event appears twice, and none belongs to an episode that is simulated
+//! again. The new file has a later name, so that a running TensorBoard notices it.
 
 mod record;
 
@@ -18,20 +17,20 @@ use record::{Event, Summary, Value, write_event};
 use crate::error::TrainError;
 use crate::metrics::MetricsRow;
 
-/// How the name of an event file begins; the second at which it was written follows.
+/// Beginning of an event file's name; the time of writing in seconds follows.
 const PREFIX: &str = "events.out.tfevents.";
 /// Version of the format.
 const VERSION: &str = "brain.Event:2";
 
-/// Groups of curves, each with the columns of `metrics.csv` in it; one that ends with `*` stands for every column that
-/// begins so. Columns that are in none have no curve: they are the axis.
+/// Groups of curves, each with its columns of `metrics.csv`. A name that ends with `*` stands for every column with this
+/// beginning. The columns of the axes, `episode` and `wall_s`, are in no group and have no curve.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("evaluation", &["success_rate*", "mean_final_distance_m", "mean_penetration_m"]),
     ("synergy", &["n_postures", "contribution_*", "mean_error_rad"]),
     ("learner", &["critic_loss", "actor_loss", "q_mean", "target_mean", "clipped_share"]),
     ("training", &["train_success_rate", "env_steps", "updates", "diverged", "buffer_warnings"]),
 ];
-/// A count whose growth in a second is a curve too.
+/// A count; its increase per second is a curve too.
 type Count = fn(&MetricsRow) -> Option<f64>;
 
 const SPEEDS: [(Count, &str); 2] =
@@ -46,7 +45,7 @@ pub struct EventFile {
 }
 
 impl EventFile {
-    /// Writes the event file of a run anew from the rows of its `metrics.csv`, and removes older ones.
+    /// Writes a new event file from the rows of a run's `metrics.csv`, and removes older event files.
     ///
     /// `started` is the time at which the run began, in seconds since 1970.
     ///

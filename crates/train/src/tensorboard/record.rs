@@ -8,20 +8,20 @@ use prost::Message;
 
 /// The cyclic redundancy check that the frames use, CRC-32C.
 const CRC32C: Crc<u32> = Crc::<u32>::new(&CRC_32_ISCSI);
-/// What is added to a checksum after it was rotated, so that a check over data with checksums in it is of use.
+/// Added to a rotated checksum, because a checksum over data with checksums in it is weak otherwise.
 const MASK: u32 = 0xa282_ead8;
 const MASK_ROTATION: u32 = 15;
 
-/// `tensorflow.Event`, without the fields that scalars have no use for.
+/// `tensorflow.Event`, without the fields that scalars do not need.
 #[derive(Clone, PartialEq, Message)]
 pub struct Event {
     /// Seconds since 1970-01-01 UTC.
     #[prost(double, tag = "1")]
     pub wall_time: f64,
-    /// What the horizontal axis counts.
+    /// Position on the horizontal axis.
     #[prost(int64, tag = "2")]
     pub step: i64,
-    /// In the first event of a file alone: the version of the format.
+    /// Version of the format; only in the first event of a file.
     #[prost(string, optional, tag = "3")]
     pub file_version: Option<String>,
     /// Values of this step.
@@ -40,7 +40,7 @@ pub struct Summary {
 /// `tensorflow.Summary.Value` of a scalar.
 #[derive(Clone, PartialEq, Message)]
 pub struct Value {
-    /// Name of the curve; what stands before a `/` groups curves.
+    /// Name of the curve; the part before a `/` is the name of its group.
     #[prost(string, tag = "1")]
     pub tag: String,
     /// The value.
@@ -91,7 +91,7 @@ pub mod tests {
         let mut bytes = Vec::new();
         write_event(&mut bytes, &version);
         write_event(&mut bytes, &scalar);
-        // Of tensorboard 2.21.0: RecordWriter.write(Event(...).SerializeToString()).
+        // Written by tensorboard 2.21.0: RecordWriter.write(Event(...).SerializeToString()).
         let expected = "1800000000000000a37f4b2209000000c00b5ad6411a0d627261696e2e4576656e743a324ca9a464\
                         1a00000000000000129bd82d09000000c00b5ad64110c8012a0c0a0a0a03612f62150000803ed235d391";
         let written: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
