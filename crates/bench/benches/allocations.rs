@@ -1,7 +1,7 @@
 //! Counts the allocations in the loops of training.
 //!
 //! `cargo bench --package eigenhand-bench --bench allocations [-- --hand NAME] [--plugins DIR]` prints a line of JSON;
-//! `cargo xtask bench allocations` runs it. It is a program of its own because its allocator counts.
+//! `cargo xtask bench allocations` runs it. It is a separate program, because its allocator counts.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -27,7 +27,7 @@ fn main() -> ExitCode {
 fn count() -> Result<AllocationCounts, BenchError> {
     let (mut hand, mut plugins) = (None, Vec::new());
     let mut arguments = std::env::args().skip(1);
-    // What else there is comes from cargo.
+    // Cargo adds arguments of its own; they are ignored.
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--hand" => hand = arguments.next(),

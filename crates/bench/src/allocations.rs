@@ -1,6 +1,7 @@
-//! Allocations in the loops that training spends its time in.
+//! Allocations in the inner loops of training.
 //!
-//! Who counts them comes in from outside, because it takes another allocator: `benches/allocations.rs` has one.
+//! The caller passes the function that counts, because counting needs a special allocator: `benches/allocations.rs` has
+//! one.
 
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::MuJoCo;
@@ -17,28 +18,28 @@ use crate::error::BenchError;
 use crate::learner::Bench;
 use crate::setting::BenchSetting;
 
-/// Updates, and samplings, over which is averaged.
+/// Number of updates, and of samplings, to average over.
 const UPDATES: u64 = 20;
-/// Episodes over which is averaged.
+/// Number of episodes to average over.
 const EPISODES: u64 = 4;
 /// Postures of the synergy in the reward.
 const POSTURES: usize = 200;
 
 /// Work whose allocations are counted.
 pub type Work<'a> = &'a mut dyn FnMut();
-/// Does work, and returns the number of allocations that its thread made meanwhile.
+/// Does work, and returns the number of allocations that its thread made during it.
 pub type Counter<'a> = &'a (dyn Fn(Work) -> u64 + Sync);
 
 /// Allocations of the default configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct AllocationCounts {
-    /// For an update of the networks, with feedback of a synergy into the actor.
+    /// Of an update of the networks, with a synergy's cost of commands in the actor's loss.
     pub per_update: f64,
-    /// For a minibatch that is drawn and relabelled, with rewards that a synergy is part of.
+    /// Of drawing and relabelling a minibatch, with a synergy's penalty in the rewards.
     pub per_sampling: f64,
-    /// For a step of an episode: policy, exploration, simulation, observation and facts.
+    /// Of a step of an episode: policy, exploration, simulation, observation and facts.
     pub per_env_step: f64,
-    /// For an episode, whatever its length.
+    /// Of an episode, without its steps.
     pub per_episode: f64,
 }
 
@@ -69,7 +70,7 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     let mut feedback = Feedback::new(1.0, Penalty::Literal, 1.0, 0);
     feedback.follow(Some(synergy));
     let cost = feedback.action_cost(&actuation_map(hand, task));
-    // The learner's bench holds its objects; so every step succeeds, and has both penalty and cost.
+    // The object is always held in the learner's benchmark. So every step succeeds, and has both penalty and cost.
     let config_of_success = RewardConfig { success_distance: f64::MAX };
     let reward = GraspReward { config: config_of_success, n_joints: joints.len(), feedback };
     let Bench { mut learner, replay, threads, .. } = Bench::new(config.learner.clone(), config.her, shape, 1)?;

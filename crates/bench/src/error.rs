@@ -1,4 +1,4 @@
-//! What can go wrong in a measurement.
+//! Errors of a measurement.
 
 use eigenhand_hands::HandError;
 use eigenhand_mujoco::MuJoCoError;
@@ -11,33 +11,33 @@ use eigenhand_train::config::ConfigError;
 /// Errors of measurements.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    /// The configuration.
+    /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The hand.
+    /// The hand is wrong or unknown.
     #[error(transparent)]
     Hand(#[from] HandError),
-    /// The simulator.
+    /// MuJoCo is missing or does not work.
     #[error(transparent)]
     MuJoCo(#[from] MuJoCoError),
-    /// The scene or the task.
+    /// The scene or the task is wrong, or a simulation failed.
     #[error(transparent)]
     Sim(#[from] SimError),
-    /// The learner.
+    /// The learner refused its settings or data.
     #[error(transparent)]
     Rl(#[from] RlError),
-    /// The synergy.
+    /// The synergy could not be computed.
     #[error(transparent)]
     Synergy(#[from] SynergyError),
-    /// Training.
+    /// Training failed.
     #[error(transparent)]
     Train(#[from] TrainError),
-    /// Another implementation.
+    /// Another implementation failed.
     #[error("{script} failed: {reason}")]
     Peer {
-        /// What was run.
+        /// The script that was run.
         script: String,
-        /// What it said.
+        /// Its error message.
         reason: String,
     },
 }

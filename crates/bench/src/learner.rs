@@ -1,4 +1,4 @@
-//! Updates of the learner, against the matrix products in them and against other implementations.
+//! Speed of the learner's updates, compared with matrix products on the same core and with other implementations.
 
 use std::time::{Duration, Instant};
 
@@ -22,16 +22,16 @@ use eigenhand_train::{learning_threads, task_of};
 
 /// Episodes in the replay.
 const N_EPISODES: usize = 200;
-/// Updates, and samplings, that run before the others have their turn.
+/// Number of updates, and of samplings, in one turn.
 const CHUNK: u32 = 10;
 /// Updates before a turn is timed, as in the peers' scripts.
 const WARM_UP: u32 = 20;
-/// Rows and columns of the matrices whose product is the measure of the core.
+/// Rows and columns of the large matrices; their product measures the speed of the core.
 const SQUARE: usize = 1024;
-/// Turns that each of two implementations has.
+/// Turns of each of two implementations.
 const PEER_ROUNDS: usize = 5;
 
-/// Speed of one update, on one thread where nothing else is said.
+/// Speed of updates, on one thread unless stated otherwise.
 #[derive(Clone, Debug, Serialize)]
 pub struct LearnerSpeed {
     /// Numbers in an observation.
@@ -46,24 +46,24 @@ pub struct LearnerSpeed {
     pub updates_per_s: f64,
     /// Updates a second, with drawing and relabelling the minibatch.
     pub updates_with_sampling_per_s: f64,
-    /// Updates a second where two threads share each, without drawing the minibatch.
+    /// Updates a second if two threads share each update, without drawing the minibatch.
     pub updates_on_two_threads_per_s: f64,
     /// Minibatches drawn and relabelled a second.
     pub samplings_per_s: f64,
-    /// Floating-point operations of the matrix products in an update, in 1e9 a second. Those with zeros are counted, whether
-    /// they are left out or not.
+    /// Floating-point operations of the matrix products in an update, in 1e9 a second. Operations with zeros count,
+    /// even if the learner skips them.
     pub gflops: f64,
     /// Operations of faer's product of two large matrices on the same core, in 1e9 a second.
     pub sgemm_gflops: f64,
-    /// The former over the latter, median over the pieces.
+    /// `gflops` over `sgemm_gflops`, median over the pieces.
     pub share_of_sgemm: f64,
-    /// The most operations that the core does, in registers and without memory, in 1e9 a second.
+    /// Largest number of operations that the core can do in registers, without memory, in 1e9 a second.
     pub peak_gflops: f64,
-    /// The products of an update over that, median over the pieces; above 1 where enough zeros are left out.
+    /// `gflops` over `peak_gflops`, median over the pieces; above 1 if the learner skips enough zeros.
     pub share_of_peak: f64,
-    /// Other implementations, in turn with this one.
+    /// Other implementations, measured by turns with this one.
     pub peers: Vec<PeerSpeed>,
-    /// Why others could not be measured.
+    /// Reasons why other implementations could not be measured.
     pub peers_failed: Vec<String>,
 }
 
@@ -125,7 +125,7 @@ impl Bench {
         Ok(())
     }
 
-    /// Returns updates a second, minibatches drawn included.
+    /// Returns updates a second, including drawing the minibatches.
     fn rate(&mut self, duration: Duration) -> Result<f64, BenchError> {
         self.learn(WARM_UP)?;
         let start = Instant::now();
@@ -141,7 +141,7 @@ impl Bench {
 /// Measures the default learner with each size of minibatch.
 ///
 /// # Errors
-/// As [`GraspTask::new`](eigenhand_sim::GraspTask::new), which tells the sizes.
+/// As [`GraspTask::new`](eigenhand_sim::GraspTask::new); the task determines the sizes of the networks.
 pub fn learner_speed(
     setting: &BenchSetting,
     batches: &[usize],
@@ -232,8 +232,8 @@ fn measure(
     Ok(speed)
 }
 
-/// Runs this implementation and another in turn, each with fresh networks in every turn: the longer they have learned, the
-/// more of their activations are zero.
+/// Runs this implementation and another by turns. Every turn starts with new networks, because more activations become
+/// zero the longer a network learns.
 fn compare(
     peer: &Peer,
     config: &DdpgConfig,
@@ -259,7 +259,7 @@ fn timed(work: impl FnOnce() -> Result<(), BenchError>) -> Result<f64, BenchErro
     Ok(start.elapsed().as_secs_f64())
 }
 
-/// Operations of the matrix products of one update.
+/// Counts the floating-point operations of the matrix products in one update.
 fn matrix_flop(config: &DdpgConfig, shape: EpisodeShape) -> f64 {
     let weights = |inputs: usize, outputs: usize| {
         let sizes: Vec<usize> = std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect();

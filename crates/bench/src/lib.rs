@@ -1,7 +1,7 @@
 //! Speed of the simulation, of the learner and of both together.
 //!
-//! What is compared runs in turn, in short pieces of one process, and a ratio is the median over the pieces: on a
-//! machine with other work, ratios can be trusted and rates cannot.
+//! Compared alternatives run by turns, in short pieces, and a ratio is the median over the pieces. So ratios are
+//! reliable also on a machine with other work; rates are not.
 
 #![forbid(unsafe_code)]
 

@@ -1,15 +1,14 @@
-//! The most that the arithmetic of a core can do.
+//! The peak speed of a core's arithmetic.
 
 use std::time::Instant;
 
-/// Chains of multiplications and additions side by side: more than the units that add them have stages, fewer than any
-/// processor has registers.
+/// Number of independent chains of multiply-adds: enough to fill the pipelines of the arithmetic units, and fewer than
+/// the registers of any processor.
 const CHAINS: usize = 10;
 /// Operations of each chain in one measurement; about a millisecond.
 const LENGTH: usize = 1 << 18;
 
-/// Measures how many 32-bit floating-point operations a core does that multiplies and adds in registers and does nothing
-/// else, per second.
+/// Measures the 32-bit floating-point operations per second of a core that only multiplies and adds in registers.
 pub(super) fn peak() -> f64 {
     pulp::Arch::new().dispatch(Peak)
 }

@@ -8,16 +8,16 @@ use serde::{Deserialize, Serialize};
 use crate::error::BenchError;
 use crate::setting::median;
 
-/// Environment variable that names the Python which has the peers' packages.
+/// Environment variable with the path of a Python that has the peers' packages.
 pub const PYTHON_VARIABLE: &str = "EIGENHAND_PEERS_PYTHON";
 /// Folder of the peers' scripts, in the workspace.
 const FOLDER: &str = "bench/peers";
-/// Python there, where a virtual environment was made.
+/// Python of a virtual environment in this folder.
 const PYTHON: &str = ".venv/bin/python";
 /// Variables that keep numeric libraries on one thread.
 const ONE_THREAD: [&str; 4] = ["OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMEXPR_NUM_THREADS"];
 
-/// What a script measures.
+/// The measurement of a script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PeerKind {
     /// Updates on one thread.
@@ -27,7 +27,7 @@ pub enum PeerKind {
 }
 
 impl PeerKind {
-    /// How the name of such a script ends.
+    /// Returns the end of the name of such a script.
     fn suffix(self) -> &'static str {
         match self {
             PeerKind::Update => "_update.py",
@@ -46,16 +46,16 @@ pub struct Peer {
     script: PathBuf,
 }
 
-/// Speed of another implementation, and of this one in turn with it.
+/// Speed of another implementation, and of this one, measured by turns.
 #[derive(Clone, Debug, Serialize)]
 pub struct PeerSpeed {
     /// Name of the implementation.
     pub name: String,
-    /// Its updates a second, minibatches drawn included, and rollouts where they are part of the work.
+    /// Its updates a second, including drawing the minibatches, and rollouts if they are part of the work.
     pub updates_per_s: f64,
-    /// Ours, in the same run.
+    /// Updates a second of this implementation, in the same measurement.
     pub ours_per_s: f64,
-    /// Ours over its, median over the turns.
+    /// `ours_per_s` over `updates_per_s`, median over the turns.
     pub ratio: f64,
 }
 
@@ -64,7 +64,7 @@ struct PeerRecord {
     updates_per_s: f64,
 }
 
-/// Rates of this implementation and another, in turn.
+/// Rates of this implementation and another, for each turn.
 #[derive(Default)]
 pub(crate) struct Turns {
     ours: Vec<f64>,
@@ -90,7 +90,7 @@ impl Turns {
     }
 }
 
-/// Finds the peers of the workspace, and a Python that can run them; none where either is missing.
+/// Finds the peers of the workspace, and a Python that can run them; returns no peer if either is missing.
 pub fn find_peers(kind: PeerKind) -> Vec<Peer> {
     let Ok(current) = std::env::current_dir() else { return Vec::new() };
     let Some(folder) = current.ancestors().map(|d| d.join(FOLDER)).find(|folder| folder.is_dir()) else {
@@ -121,7 +121,7 @@ impl Peer {
     /// Runs the script with options and their values, and returns its updates a second.
     ///
     /// # Errors
-    /// [`BenchError::Peer`] with what it said.
+    /// [`BenchError::Peer`] with the script's error message.
     pub(crate) fn updates_per_s(&self, options: &[(&str, String)]) -> Result<f64, BenchError> {
         let failed = |reason: String| BenchError::Peer { script: self.script.display().to_string(), reason };
         let mut command = Command::new(&self.python);
@@ -135,7 +135,7 @@ impl Peer {
         let output = command.stdin(Stdio::null()).output().map_err(|error| failed(error.to_string()))?;
         if !output.status.success() {
             let text = String::from_utf8_lossy(&output.stderr);
-            let last = text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing");
+            let last = text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it printed no error");
             return Err(failed(format!("{}: {last}", output.status)));
         }
         let text = String::from_utf8_lossy(&output.stdout);

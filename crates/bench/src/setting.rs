@@ -1,4 +1,4 @@
-//! What is measured, and how several pieces of a measurement become one number.
+//! The setting of a measurement, and the median of its pieces.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,14 +10,14 @@ use eigenhand_train::hand_named;
 
 use crate::error::BenchError;
 
-/// What is measured, and for how long.
+/// Hand and duration of a measurement.
 #[derive(Clone, Debug)]
 pub struct BenchSetting {
-    /// Name or directory of the hand; absent: that of the default configuration.
+    /// Name or directory of the hand; if absent, the hand of the default configuration.
     pub hand: Option<String>,
-    /// Where hands are looked for.
+    /// Places that are searched for hands.
     pub hands: SearchPath,
-    /// Time that each measurement takes.
+    /// Duration of each measurement.
     pub duration: Duration,
 }
 
@@ -25,7 +25,7 @@ impl BenchSetting {
     /// Reads the default configuration with the hand.
     ///
     /// # Errors
-    /// [`BenchError::Hand`], or a missing library.
+    /// [`BenchError::Hand`], or [`BenchError::MuJoCo`] when the library is missing.
     pub(crate) fn load(&self) -> Result<(RunConfig, Hand, Arc<MuJoCo>), BenchError> {
         let mut layers = Layers::new(Preset::Default)?;
         if let Some(hand) = &self.hand {
@@ -37,7 +37,7 @@ impl BenchSetting {
     }
 }
 
-/// (values) => their median; not a number where there is none.
+/// (values) => their median; not a number without values.
 pub(crate) fn median(values: &mut [f64]) -> f64 {
     values.sort_by(f64::total_cmp);
     match (values.len(), values.len() / 2) {

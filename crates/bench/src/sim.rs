@@ -1,4 +1,4 @@
-//! What the environment costs on top of the simulator's own steps.
+//! The cost of the environment on top of the simulator's own steps.
 
 use std::hint::black_box;
 use std::sync::Arc;
@@ -15,14 +15,14 @@ use crate::setting::{BenchSetting, median};
 use eigenhand_train::TrainError;
 use eigenhand_train::task_of;
 
-/// Control steps that one side runs before the other has its turn.
+/// Control steps in one turn.
 const CHUNK: usize = 10;
 /// Control steps for which a random command is held.
 const HOLD: usize = 8;
 /// Turns of each number of threads.
 const ROUNDS: u32 = 5;
 
-/// Speed of the environment against bare calls of `mj_step` with the same commands from the same state.
+/// Speed of the environment, compared with bare calls of `mj_step` with the same commands from the same state.
 #[derive(Clone, Debug, Serialize)]
 pub struct SimSpeed {
     /// Name of the hand.
@@ -31,19 +31,19 @@ pub struct SimSpeed {
     pub threads: usize,
     /// `mj_step` calls in an environment step.
     pub substeps: usize,
-    /// Environment steps a second, of all threads together, observations included and resets not.
+    /// Environment steps a second, of all threads together, with observations and without resets.
     pub env_steps_per_s: f64,
     /// The same number of `mj_step` calls without the environment, in environment steps a second.
     pub raw_steps_per_s: f64,
     /// `mj_step` calls a second without the environment, of all threads together.
     pub mj_steps_per_s: f64,
-    /// Environment steps a second over those with the first number of threads, median over the turns.
+    /// Environment steps a second, over the same with the first number of threads, median over the turns.
     pub scaling: f64,
-    /// The same without the environment.
+    /// The same ratio without the environment.
     pub raw_scaling: f64,
     /// Time of an environment step over that of its `mj_step` calls, median over the pieces.
     pub ratio: f64,
-    /// Pieces.
+    /// Number of pieces.
     pub chunks: usize,
     /// Time of a reset, which lets the object settle, in ms.
     pub reset_ms: f64,
@@ -51,7 +51,7 @@ pub struct SimSpeed {
     pub identical: bool,
 }
 
-/// Pieces of one thread.
+/// Measured pieces of one thread.
 #[derive(Default)]
 struct Pieces {
     ratios: Vec<f64>,
@@ -62,7 +62,7 @@ struct Pieces {
     differ: bool,
 }
 
-/// Pieces of all threads, in turns.
+/// Measured pieces of all threads, and rates for each turn.
 #[derive(Default)]
 struct Turns {
     env_rates: Vec<f64>,
@@ -72,7 +72,7 @@ struct Turns {
     differ: bool,
 }
 
-/// Measures with each number of threads, in turn.
+/// Measures with each number of threads, by turns.
 ///
 /// # Errors
 /// [`BenchError::Sim`].
@@ -111,7 +111,7 @@ pub fn sim_speed(setting: &BenchSetting, threads: &[usize]) -> Result<Vec<SimSpe
         .collect())
 }
 
-/// Lets each of some threads run for a time, and adds what they did.
+/// Runs some threads for a time, and adds their results to `turns`.
 fn measure(task: &Arc<GraspTask>, threads: usize, duration: Duration, turns: &mut Turns) -> Result<(), BenchError> {
     let outcomes: Vec<Result<Pieces, BenchError>> = std::thread::scope(|scope| {
         let running: Vec<_> = (0..threads).map(|n| scope.spawn(move || run(task, n as u64, duration))).collect();
@@ -184,7 +184,7 @@ fn run(task: &Arc<GraspTask>, stream: u64, duration: Duration) -> Result<Pieces,
                 }
                 start.elapsed()
             };
-            // Each side comes first in turn, so that neither always finds the caches warm.
+            // The two sides alternate in coming first, so that neither always finds the caches warm.
             let (env_time, raw_time) = if index % 2 == 0 {
                 let env_time = in_env()?;
                 (env_time, without())

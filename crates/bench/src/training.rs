@@ -1,4 +1,4 @@
-//! Rollouts and updates together, as a run does them.
+//! Speed and memory of training: rollouts and updates together, as in a run.
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -14,11 +14,11 @@ use crate::setting::{BenchSetting, median};
 use eigenhand_train::episode_shape;
 use eigenhand_train::{Assignment, Progress, Provenance, RunDirectory, Status, Trainer, task_of};
 
-/// First training episodes, which act at random.
+/// First training episodes, with random actions.
 const WARMUP: u64 = 10;
-/// Episodes with updates before the clock starts, of which the first learns for the warm-up too.
+/// Episodes with updates before the clock starts; the first of them also makes the updates for the warm-up.
 const UNTIMED: u64 = 4;
-/// Turns of each that is compared.
+/// Turns of each alternative.
 const ROUNDS: u32 = 3;
 
 /// Speed of the default configuration's training.
@@ -28,11 +28,11 @@ pub struct TrainingSpeed {
     pub hand: String,
     /// Updates for each episode.
     pub updates_per_episode: f64,
-    /// Each number of workers.
+    /// Speed with each number of workers.
     pub workers: Vec<WorkersSpeed>,
-    /// Other implementations, in turn with the last number of workers.
+    /// Other implementations, measured by turns with the last number of workers.
     pub peers: Vec<PeerSpeed>,
-    /// Why others could not be measured.
+    /// Reasons why other implementations could not be measured.
     pub peers_failed: Vec<String>,
 }
 
@@ -45,7 +45,7 @@ pub struct WorkersSpeed {
     pub env_steps_per_s: f64,
     /// Updates a second of wall time, simulation included.
     pub updates_per_s: f64,
-    /// Speed over that with the first number of workers, median over the turns.
+    /// Speed over the speed with the first number of workers, median over the turns.
     pub scaling: f64,
     /// Seconds from reading the configuration to the end of the first episodes.
     pub first_rollout_s: f64,
@@ -56,7 +56,7 @@ pub struct WorkersSpeed {
 pub struct TrainingMemory {
     /// Episodes in replay.
     pub replay_episodes: usize,
-    /// Largest resident memory of this process so far in MB, where the system tells.
+    /// Largest resident memory of this process so far in MB, if the system reports it.
     pub peak_mb: Option<f64>,
 }
 
@@ -67,7 +67,7 @@ struct Turn {
     first_rollout_s: f64,
 }
 
-/// Measures the default configuration with each number of workers, and other implementations, all in turn.
+/// Measures the default configuration with each number of workers, and other implementations, all by turns.
 ///
 /// # Errors
 /// As [`Trainer::run`].
@@ -128,8 +128,8 @@ fn summarise(workers: usize, turns: &[Turn], first: &[Turn]) -> WorkersSpeed {
     }
 }
 
-/// Measures memory while the default configuration trains with a replay that is full. What this process did before
-/// counts too, so this comes first.
+/// Measures memory while the default configuration trains with a full replay. Earlier work of this process counts too,
+/// so this measurement must come first.
 ///
 /// # Errors
 /// As [`Trainer::run`].
@@ -148,7 +148,7 @@ pub fn training_memory(setting: &BenchSetting) -> Result<TrainingMemory, BenchEr
     Ok(TrainingMemory { replay_episodes, peak_mb: peak_memory_mb() })
 }
 
-/// Trains for `duration` after the first updates, in a directory that it makes.
+/// Trains for `duration` after the first updates, in a new directory.
 fn train(
     setting: &BenchSetting,
     workers: usize,
@@ -159,7 +159,7 @@ fn train(
     let started = Instant::now();
     let (mut config, hand, library) = setting.load()?;
     config.workers = workers;
-    // The clock stops the run, and before that nothing but training is to happen.
+    // The clock stops the run. Until then it only trains, without evaluations and checkpoints.
     let never = i64::MAX as u64;
     config.episodes = never;
     config.evaluation.every = never;
@@ -185,7 +185,7 @@ fn train(
     })
 }
 
-/// Counts episodes from one cycle's end to another's, and then stops the run.
+/// Counts episodes from the end of one cycle to the end of another, and then stops the run.
 struct Clock<'a> {
     stop: &'a AtomicBool,
     started: Instant,
@@ -228,7 +228,7 @@ fn peak_memory_mb() -> Option<f64> {
 struct Scratch(PathBuf);
 
 impl Scratch {
-    /// Chooses a name that nothing has yet.
+    /// Chooses an unused name.
     fn new() -> Scratch {
         static NUMBER: AtomicU64 = AtomicU64::new(0);
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
@@ -238,7 +238,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What is left in the temporary directory does no harm.
+        // A directory that remains among the temporary files does no harm.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }

@@ -1,7 +1,7 @@
 //! The hands that come with the program.
 //!
-//! Their directories are compiled into the program. They are written once into the user's cache, in a directory with their
-//! digest as its name. Compiled plugins are not among them, because their libraries are built in a checkout.
+//! Their directories are compiled into the program. They are written once into the user's cache, in a directory with
+//! their digest as its name. Compiled plugins are not among them, because their libraries are built in a checkout.
 
 use std::fs;
 use std::path::{Path, PathBuf};

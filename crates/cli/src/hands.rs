@@ -92,8 +92,8 @@ struct NewArgs {
     /// Body or link of the palm [default: the body that carries all fingers]
     #[arg(long, value_name = "LINK")]
     palm: Option<String>,
-    /// Direction, in the palm's frame, in which the hand approaches an object: +x, -y, ... or x,y,z [default: the direction
-    /// in which its fingers reach]
+    /// Direction, in the palm's frame, in which the hand approaches an object: +x, -y, ... or x,y,z [default: the
+    /// direction in which its fingers reach]
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     approach: Option<[f64; 3]>,
     /// Prints one JSON document on standard output

@@ -1,5 +1,5 @@
-//! The commands of the program `eigenhand`. Each parses its arguments, calls the libraries and prints. `cargo xtask` has the
-//! same commands.
+//! The commands of the program `eigenhand`. Each parses its arguments, calls the libraries and prints. `cargo xtask`
+//! has the same commands.
 // The doc comments of arguments are what --help prints, with placeholders in angle brackets.
 #![allow(rustdoc::invalid_html_tags)]
 #![forbid(unsafe_code)]

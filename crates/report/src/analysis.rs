@@ -1,4 +1,4 @@
-//! Runs in numbers: each by itself, together for each lambda, and the lambdas against one another.
+//! Statistics of each run, of the runs of each lambda, and of the differences between lambdas.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::stats::{Bootstrap, median};
 /// Version of the keys of `report.json`.
 const SCHEMA: u32 = 1;
 
-/// Computes everything that a report says in numbers and words.
+/// Computes all numbers and sentences of a report.
 pub fn analyse(runs: &[Run]) -> Analysis {
     let records: Vec<RunRecord> = runs.iter().map(RunRecord::of).collect();
     let lambdas = lambdas(&records);
@@ -113,7 +113,7 @@ impl RunRecord {
 impl LevelRecord {
     fn of(group: &[&RunRecord], level: usize) -> LevelRecord {
         let reached: Vec<Option<Reached>> = group.iter().map(|run| run.reached.get(level).copied().flatten()).collect();
-        // A run that never reached it took longer than any that did.
+        // A run that never reached the level counts as slower than all that did.
         let middle = |value: fn(Reached) -> f64| {
             let times: Vec<f64> = reached.iter().map(|r| r.map_or(f64::INFINITY, value)).collect();
             median(&times).filter(|time| time.is_finite())

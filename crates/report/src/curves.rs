@@ -1,10 +1,10 @@
-//! Several runs' curves as one: the median with the band in which they all lie.
+//! Joining the curves of several runs: their median, and the range from the lowest to the highest.
 
 use serde::Serialize;
 
 use crate::stats::quantile;
 
-/// Points of a common axis.
+/// Number of points of an interpolated band.
 const TIMES: usize = 60;
 
 /// Median and range of several curves.
@@ -17,7 +17,7 @@ pub struct Band {
 /// One point of a [`Band`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BandPoint {
-    /// Where.
+    /// Place on the x axis.
     pub x: f64,
     /// Median over the runs.
     pub median: f64,
@@ -25,12 +25,12 @@ pub struct BandPoint {
     pub min: f64,
     /// Greatest value of a run.
     pub max: f64,
-    /// Runs that have got so far.
+    /// Number of runs that reach this x.
     pub n_runs: usize,
 }
 
 impl Band {
-    /// Joins curves that have points at the same places, as evaluations are at the same episodes.
+    /// Joins curves with points at the same x, such as evaluations at the same episodes.
     pub fn at_common_points(curves: &[Vec<(f64, f64)>]) -> Band {
         let mut places: Vec<f64> = curves.iter().flatten().map(|(x, _)| *x).collect();
         places.sort_by(f64::total_cmp);
@@ -39,8 +39,8 @@ impl Band {
         Band { points: places.into_iter().filter_map(|x| BandPoint::of(x, at(x).collect())).collect() }
     }
 
-    /// Joins curves that have points at places of their own, by straight lines between them: from the latest beginning of
-    /// a curve to where less than half of the curves reach, over those that do.
+    /// Joins curves with points at different x, by straight lines between the points. The band begins where the last curve
+    /// begins, and ends where less than half of the curves go on. Each point of it joins the curves that reach this x.
     pub fn interpolated(curves: &[Vec<(f64, f64)>]) -> Band {
         let filled = || curves.iter().filter(|curve| !curve.is_empty());
         let start = filled().map(|curve| curve[0].0).fold(f64::NEG_INFINITY, f64::max);

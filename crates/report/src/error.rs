@@ -1,4 +1,4 @@
-//! What can go wrong in a report.
+//! Errors of a report.
 
 use std::path::PathBuf;
 
@@ -15,19 +15,19 @@ pub enum ReportError {
     #[error(transparent)]
     File(#[from] FileError),
     /// A directory is neither a run nor holds runs.
-    #[error("{} is not a run directory and holds none: name a directory that `train` wrote, or one that holds such directories", path.display())]
+    #[error("{} is not a run directory and holds no run directories: name a directory that `train` or `reproduce` wrote", path.display())]
     NoRuns {
         /// The directory.
         path: PathBuf,
     },
-    /// There is a run, but nothing in it yet.
-    #[error("{runs} no evaluation yet: there is nothing to report")]
+    /// No run has an evaluation yet.
+    #[error("{runs} no evaluation yet: wait for the first one, or train on with --resume")]
     NothingYet {
         /// The runs, with the verb.
         runs: String,
     },
-    /// The runs are of several hands.
-    #[error("{} trains the hand {first}, and {} the hand {second}: a report is on one hand", first_run.display(), second_run.display())]
+    /// The runs train different hands.
+    #[error("{} trains the hand {first}, and {} the hand {second}: name runs of one hand only", first_run.display(), second_run.display())]
     MixedHands {
         /// A run.
         first_run: PathBuf,
@@ -38,8 +38,8 @@ pub enum ReportError {
         /// That hand.
         second: String,
     },
-    /// The directory for the report holds something else.
-    #[error("{} is not empty and holds no earlier report: name another directory with --out", path.display())]
+    /// The directory for the report holds other files.
+    #[error("{} is not empty and holds no earlier report: choose another directory with --out", path.display())]
     OutExists {
         /// The directory.
         path: PathBuf,
@@ -49,13 +49,13 @@ pub enum ReportError {
     Draw {
         /// Figure or file.
         name: String,
-        /// What the library said.
+        /// The library's message.
         reason: String,
     },
 }
 
 impl ReportError {
-    /// Tells whether the command line was at fault, which ends with another exit status.
+    /// Tells whether the command line is wrong; such an error has an exit status of its own.
     pub fn is_usage(&self) -> bool {
         match self {
             ReportError::Train(error) => error.is_usage(),
@@ -67,7 +67,7 @@ impl ReportError {
         }
     }
 
-    /// Turns a library's error into one that names what was being made.
+    /// Turns a library's error into one that names the figure or file.
     pub(crate) fn draw(name: &str) -> impl Fn(String) -> ReportError {
         let name = name.to_owned();
         move |reason| ReportError::Draw { name: name.clone(), reason }

@@ -1,5 +1,5 @@
 //! A report on finished and unfinished runs: statistics across seeds for each lambda, figures with their numbers, and one
-//! HTML page that needs nothing else.
+//! self-contained HTML page.
 #![forbid(unsafe_code)]
 
 mod analysis;

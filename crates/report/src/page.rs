@@ -30,7 +30,7 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
                     @if !analysis.notes.is_empty() {
                         div.notes { ul { @for note in &analysis.notes { li { (note) } } } }
                     }
-                    h2 { "What the runs say" }
+                    h2 { "Results" }
                     @if analysis.statements.is_empty() { p { "No run is complete yet." } }
                     ul { @for statement in &analysis.statements { li { (statement) } } }
                     (lambda_table(analysis))
@@ -67,7 +67,7 @@ fn subtitle(analysis: &Analysis) -> String {
 }
 
 fn drawing(figure: &Figure) -> Markup {
-    // What is before the first tag names the file's encoding, which is the page's.
+    // The XML declaration before the first tag is left out, because the page declares its own encoding.
     let svg = figure.svg.find("<svg").map_or("", |start| &figure.svg[start..]);
     html! {
         figure role="img" aria-label=(figure.title) {
@@ -108,7 +108,7 @@ fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", factor * value))
 }
 
-/// Name with unit, factor from the files' unit, and digits.
+/// Returns the name with its unit, the factor from the files' unit, and the number of digits.
 fn quantity(quantity: Quantity) -> (&'static str, f64, usize) {
     match quantity {
         Quantity::SuccessRate => ("final success (%)", 100.0, 1),
@@ -216,15 +216,15 @@ fn levels_table(analysis: &Analysis) -> Markup {
         h2 { "How soon" }
         (table(&words(&["", "success", "runs that reached it", "median episodes", "median wall time (min)"]), &rows))
         p.soft {
-            "The first evaluation during training that reached it. A run that never did counts as later than all others; "
-            "where that leaves no median there is none."
+            "Time of the first evaluation during training that reached this success. A run that never reached it counts as "
+            "later than all others. There is no median if half of the runs or more never reached it."
         }
     }
 }
 
 fn runs_table(analysis: &Analysis) -> Markup {
     let mut header =
-        words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % of episodes", "sum of contribution (%)"]);
+        words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % interval (%)", "sum of contribution (%)"]);
     header.extend(words(&["mean error (rad)", "postures", "episodes", "wall time (min)"]));
     header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
     let row = |run: &RunRecord| {
@@ -248,7 +248,7 @@ fn runs_table(analysis: &Analysis) -> Markup {
     let rows: Vec<Vec<String>> = analysis.runs.iter().map(row).collect();
     html! {
         (table(&header, &rows))
-        p.soft { "95 % of episodes: the interval of Wilson (1927) for a share, over the episodes of the final evaluation." }
+        p.soft { "95 % interval: the interval of Wilson (1927) for a share, over the episodes of the final evaluation." }
     }
 }
 
@@ -265,7 +265,7 @@ fn settings(runs: &[Run]) -> Markup {
         differing.into_iter().map(|(key, values)| std::iter::once(key).chain(values).collect()).collect();
     html! {
         @if !rows.is_empty() {
-            p { "In these the runs differ:" }
+            p { "The runs differ in these settings:" }
             (table(&header, &rows))
         }
         (provenance(runs))
@@ -286,7 +286,7 @@ fn common_table(settings: &Settings) -> Markup {
     }
 }
 
-/// One row for all runs that were made with the same.
+/// One row for all runs with the same versions, machine and hand.
 fn provenance(runs: &[Run]) -> Markup {
     let header = words(&["runs", "program", "revision", "MuJoCo", "platform", "processors", "hand's digest"]);
     let start = |text: &str| text.chars().take(12).collect::<String>();
@@ -313,14 +313,14 @@ fn method() -> Markup {
     html! {
         p {
             "The interquartile mean leaves out the lowest and the highest quarter of the runs, rounded down to whole runs. Its "
-            "interval is the middle 95 % of " (RESAMPLES) " bootstrap resamples, in which the runs of each lambda are drawn "
-            "again with replacement by themselves (Agarwal et al. 2021); the interval of a difference is that of the resampled "
-            "differences. With fewer than " (FEWEST) " runs there is none. The resamples come from a fixed seed, so the same "
-            "runs give the same page."
+            "interval is the middle 95 % of " (RESAMPLES) " bootstrap resamples. Each resample draws runs of the same lambda, "
+            "with replacement (Agarwal et al. 2021). The interval of a difference comes from the resampled differences. With "
+            "fewer than " (FEWEST) " runs there is no interval. The resamples come from a fixed seed, so the same runs give "
+            "the same page."
         }
         p {
-            "Along training, lines are medians over the runs that have got so far, and bands reach from the lowest of them to "
-            "the highest."
+            "In figures along training, a line is the median over the runs that have reached this point, and a band extends "
+            "from the lowest of these runs to the highest."
         }
     }
 }

@@ -1,4 +1,4 @@
-//! What a report says: of each run, of the runs of each lambda together, and of the lambdas against one another.
+//! Results in a report: of each run, of the runs of each lambda, and of the differences between lambdas.
 
 use std::collections::BTreeMap;
 
@@ -6,10 +6,10 @@ use serde::Serialize;
 
 use crate::stats::{Contrast, Estimate};
 
-/// Success rates of which it is said when a run first reached them.
+/// Success rates for which a report says when a run first reached them.
 pub const LEVELS: [f64; 3] = [0.5, 0.7, 0.9];
 
-/// What a report says, as `report.json` has it.
+/// Results in a report, as written to `report.json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Analysis {
     /// Version of these keys.
@@ -18,13 +18,13 @@ pub struct Analysis {
     pub hand: String,
     /// Every run, by lambda and seed.
     pub runs: Vec<RunRecord>,
-    /// The runs of each lambda together.
+    /// The results over the runs of each lambda.
     pub lambdas: Vec<LambdaRecord>,
-    /// Each other lambda against the least.
+    /// Each other lambda compared with the smallest.
     pub differences: Vec<DifferenceRecord>,
-    /// What the numbers support, in words.
+    /// Conclusions from the numbers, in words.
     pub statements: Vec<String>,
-    /// What a reader has to know before trusting them.
+    /// Limits of these conclusions, in words.
     pub notes: Vec<String>,
 }
 
@@ -49,27 +49,27 @@ pub struct RunRecord {
     pub success_interval: Option<[f64; 2]>,
     /// Episodes of that evaluation.
     pub eval_episodes: u64,
-    /// The same for each object.
+    /// Success rate with each object, in that evaluation.
     pub success_rate_per_object: BTreeMap<String, f64>,
     /// Contribution rate of each component.
     pub contribution: Vec<f64>,
-    /// Their sum.
+    /// Sum of the contribution rates.
     pub contribution_sum: Option<f64>,
-    /// What the sum gained from the first evaluation with enough postures for feedback to the last.
+    /// Change of this sum from the first evaluation with enough postures for feedback to the last evaluation.
     pub contribution_change: Option<f64>,
-    /// Mean approximation error over the postures that the synergy is of, in rad.
+    /// Mean approximation error over the postures that the synergy covers, in rad.
     pub mean_error_rad: Option<f64>,
     /// Postures in the database.
     pub n_postures: u64,
     /// Mean penetration in the final evaluation's successes, in m.
     pub mean_penetration_m: Option<f64>,
-    /// Training episodes before the policy that is the result.
+    /// Training episodes before the run's policy.
     pub policy_episode: Option<u64>,
     /// First evaluation that reached each of [`LEVELS`].
     pub reached: Vec<Option<Reached>>,
 }
 
-/// An evaluation.
+/// Time of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Reached {
     /// Training episodes before it.
@@ -83,17 +83,17 @@ pub struct Reached {
 pub struct LambdaRecord {
     /// Weight of the synergy's feedback.
     pub lambda: f64,
-    /// Runs.
+    /// Number of runs.
     pub n_runs: usize,
-    /// Those that are complete; all that follows is over them.
+    /// Number of complete runs; the fields below cover only these.
     pub n_complete: usize,
-    /// By the name of the quantity.
+    /// Estimates, by the name of the quantity.
     pub quantities: BTreeMap<&'static str, Estimate>,
     /// Contribution rate of each component.
     pub contribution: Vec<Estimate>,
     /// Success rate for each object.
     pub objects: BTreeMap<String, Estimate>,
-    /// For each of [`LEVELS`].
+    /// Times to reach each of [`LEVELS`].
     pub levels: Vec<LevelRecord>,
 }
 
@@ -104,31 +104,31 @@ pub struct LevelRecord {
     pub success_rate: f64,
     /// Complete runs that reached it.
     pub n_reached: usize,
-    /// Median of the training episodes before, where more than half of the runs reached it.
+    /// Median of the training episodes before, if more than half of the runs reached it.
     pub median_episodes: Option<f64>,
-    /// The same of wall time in s.
+    /// Median of the wall time before in s, under the same condition.
     pub median_wall_s: Option<f64>,
 }
 
-/// A quantity at one lambda against another.
+/// Difference of a quantity between two lambdas.
 #[derive(Clone, Debug, Serialize)]
 pub struct DifferenceRecord {
     /// The quantity.
     pub quantity: Quantity,
-    /// The least lambda.
+    /// The smallest lambda.
     pub baseline: f64,
-    /// The other.
+    /// The other lambda.
     pub lambda: f64,
-    /// Complete runs of both.
+    /// Number of complete runs of both.
     pub n_runs: [usize; 2],
-    /// How much more the other has.
+    /// Value at the other lambda minus value at the smallest.
     #[serde(flatten)]
     pub contrast: Contrast,
-    /// What that supports, in words.
+    /// Conclusion, in words.
     pub statement: String,
 }
 
-/// What is estimated over the complete runs of a lambda.
+/// A quantity that is estimated over the complete runs of a lambda.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
@@ -138,7 +138,7 @@ pub enum Quantity {
     ContributionSum,
     /// Change of that sum along training.
     ContributionChange,
-    /// Mean approximation error over the postures that the synergy is of.
+    /// Mean approximation error over the postures that the synergy covers.
     MeanErrorRad,
     /// Postures in the database.
     NPostures,
@@ -149,7 +149,7 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Quantity; 7] = [
         Quantity::SuccessRate,
         Quantity::ContributionSum,
@@ -159,7 +159,7 @@ impl Quantity {
         Quantity::MeanPenetrationM,
         Quantity::WallS,
     ];
-    /// Those in which lambdas are compared.
+    /// Quantities in which lambdas are compared.
     pub const COMPARED: [Quantity; 4] =
         [Quantity::SuccessRate, Quantity::ContributionSum, Quantity::ContributionChange, Quantity::MeanErrorRad];
 

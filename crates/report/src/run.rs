@@ -1,4 +1,4 @@
-//! Runs as a report sees them, read from their directories.
+//! Reading runs from their directories, for a report.
 
 use std::path::{Path, PathBuf};
 
@@ -22,21 +22,21 @@ pub struct Run {
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
-    /// Training episodes that it was to have.
+    /// Training episodes in all.
     pub episodes: u64,
     /// Principal components of its synergy.
     pub components: usize,
-    /// Postures above which there is feedback.
+    /// The synergy's feedback starts above this number of postures.
     pub start_after: u64,
     /// All its settings.
     pub settings: Settings,
-    /// What it was made with.
+    /// Versions, machine and hand at its start.
     pub provenance: Provenance,
-    /// What it reached, once it has ended or was interrupted.
+    /// Its results; none before it has ended or was interrupted.
     pub summary: Option<Summary>,
     /// Its evaluations during training.
     pub metrics: Vec<MetricsRow>,
-    /// Approximation error of every posture that its synergy is of, ascending.
+    /// Approximation error of every posture that its synergy covers, ascending.
     pub errors: Vec<f64>,
 }
 
@@ -55,8 +55,8 @@ impl Run {
         if complete && metrics.is_empty() && episodes >= setting::<u64>(path, &settings, "evaluation.every")? {
             return Err(ReportError::Train(TrainError::Damaged {
                 path: path.join("metrics.csv"),
-                reason: "the run is complete, but no evaluation is in it".to_owned(),
-                mend: "restore the file, or leave this run out".to_owned(),
+                reason: "the run is complete, but this file holds no evaluation".to_owned(),
+                mend: "restore this file, or leave the run out of the report".to_owned(),
             }));
         }
         let errors = errors(&path.join(DATABASE), components, setting(path, &settings, "synergy.window")?)
@@ -78,13 +78,13 @@ impl Run {
         })
     }
 
-    /// Returns what the run reached, where it was trained and evaluated to its end.
+    /// Returns the results of the run, if it was trained and evaluated to its end.
     pub fn result(&self) -> Option<&Summary> {
         self.summary.as_ref().filter(|summary| summary.is_complete())
     }
 
-    /// Returns a number of the evaluations during training against another, such as the success rate against the
-    /// episodes, where both exist.
+    /// Returns a curve over the evaluations during training, such as the success rate over the episodes. Evaluations without
+    /// one of the two numbers are left out.
     pub fn curve(
         &self,
         x: impl Fn(&MetricsRow) -> Option<f64>,
@@ -102,7 +102,7 @@ fn setting<T: std::str::FromStr>(run: &Path, settings: &Settings, key: &str) -> 
     })
 }
 
-/// Reads runs: each path is a run directory, or a directory of them.
+/// Reads runs. Each path is a run directory, or a directory that contains run directories.
 ///
 /// # Errors
 /// [`ReportError::NoRuns`] for a path that is neither, [`ReportError::MixedHands`], and those of [`Run::read`].
@@ -149,7 +149,7 @@ fn check_hands(runs: &[Run]) -> Result<(), ReportError> {
     }
 }
 
-/// Computes the approximation errors of the postures that the run's synergy is of; none while there is no synergy.
+/// Computes the approximation errors of the postures that the run's synergy covers; none while there is no synergy.
 fn errors(database: &Path, components: usize, window: usize) -> Result<Vec<f64>, SynergyError> {
     if !database.exists() {
         return Ok(Vec::new());

@@ -1,4 +1,4 @@
-//! What the numbers support, in plain sentences.
+//! Conclusions from the numbers, in plain sentences.
 
 use std::collections::BTreeMap;
 
@@ -9,10 +9,10 @@ use crate::records::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
 use crate::run::Run;
 use crate::stats::FEWEST;
 
-/// Runs below which an interval is said to rest on few.
+/// With fewer runs, a sentence warns that an interval is too narrow.
 const FEW: usize = 10;
 
-/// How a quantity is written.
+/// Name and number format of a quantity.
 struct Words {
     name: &'static str,
     unit: &'static str,
@@ -38,20 +38,20 @@ impl Words {
         format!("{:.*}", self.digits, self.factor * value)
     }
 
-    /// With its sign, unless it is rounded to nothing; a minus as it is set in print.
+    /// Writes a number with its sign, or without if it is rounded to zero. The minus is the typographic one.
     fn signed(&self, value: f64) -> String {
         let text = format!("{:+.*}", self.digits, self.factor * value);
         let nothing = !text.contains(|c: char| ('1'..='9').contains(&c));
         if nothing { text[1..].to_owned() } else { text.replace('-', "\u{2212}") }
     }
 
-    /// Unit of a difference.
+    /// Returns the unit of a difference.
     fn unit_of_difference(&self) -> &'static str {
         if self.unit == "%" { "percentage points" } else { self.unit }
     }
 }
 
-/// Says what a difference between two lambdas supports.
+/// Says which conclusion a difference between two lambdas supports.
 pub fn difference(record: &DifferenceRecord) -> String {
     let words = Words::of(record.quantity);
     let DifferenceRecord { baseline, lambda, contrast, n_runs: [n_baseline, n], .. } = record;
@@ -79,7 +79,7 @@ pub fn difference(record: &DifferenceRecord) -> String {
     format!("{head}; the 95 % interval, {low} to {high}, {verdict}.")
 }
 
-/// Says what the runs of each lambda reached, and what differs between lambdas.
+/// Describes the results of each lambda, and the differences between lambdas.
 pub fn all(analysis: &Analysis) -> Vec<String> {
     let mut sentences: Vec<String> = analysis.lambdas.iter().filter_map(level).collect();
     sentences.extend(analysis.lambdas.iter().filter_map(|lambda| trend(analysis, lambda)));
@@ -87,8 +87,8 @@ pub fn all(analysis: &Analysis) -> Vec<String> {
     let few = |lambda: &LambdaRecord| (FEWEST..FEW).contains(&lambda.n_complete);
     if analysis.lambdas.iter().any(few) {
         sentences.push(format!(
-            "An interval over fewer than {FEW} runs is narrower than it should be, as it knows only what happened in them: \
-             one that barely excludes zero supports little."
+            "With fewer than {FEW} runs, a bootstrap interval is narrower than it should be. If such an interval barely \
+             excludes zero, the evidence is weak."
         ));
     }
     sentences
@@ -100,7 +100,7 @@ fn level(lambda: &LambdaRecord) -> Option<String> {
     let value = words.number(estimate.iqm);
     let head = format!("With lambda {}, final success is {value} %", lambda.lambda);
     if estimate.n == 1 {
-        return Some(format!("{head} in one run; how it varies with the seed is not known."));
+        return Some(format!("{head} in one run; the variation between seeds is not known."));
     }
     let (least, most) = (words.number(estimate.min), words.number(estimate.max));
     let interval = match estimate.interval {
@@ -143,14 +143,14 @@ fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
     ))
 }
 
-/// Says what is missing or does not fit together.
+/// Describes missing results and runs that do not fit together.
 pub fn notes(runs: &[Run]) -> Vec<String> {
     let mut notes = Vec::new();
     for run in runs.iter().filter(|run| run.result().is_none()) {
         let done = run.metrics.last().map_or(0, |row| row.episode);
         notes.push(format!(
-            "{} is not finished ({done} of {} episodes at its last evaluation): its curves are shown, and it is in no \
-             table of results.",
+            "{} is not finished ({done} of {} episodes at its last evaluation): the report shows its curves, but its \
+             results are missing.",
             run.name, run.episodes
         ));
     }
@@ -160,7 +160,7 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
     }
     for ((lambda, seed), names) in twins.into_iter().filter(|(_, names)| names.len() > 1) {
         notes.push(format!(
-            "{} all have lambda {lambda} and seed {seed}: they are not independent of one another.",
+            "{} all have lambda {lambda} and seed {seed}: they are not independent runs.",
             names.join(", ")
         ));
     }
@@ -168,7 +168,7 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
     if !differing.is_empty() {
         let keys: Vec<&str> = differing.keys().map(String::as_str).collect();
         notes.push(format!(
-            "The runs differ in more than lambda and seed ({}): a difference between lambdas may come from that.",
+            "The runs differ in more than lambda and seed ({}): a difference between lambdas may come from these settings.",
             keys.join(", ")
         ));
     }
@@ -181,13 +181,13 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
         values.sort();
         values.dedup();
         if values.len() > 1 {
-            notes.push(format!("The runs were made with {} {what}.", values.len()));
+            notes.push(format!("The runs were made with {} different {what}.", values.len()));
         }
     }
     notes
 }
 
-/// Returns the settings, other than those that a report is about, that differ between runs, with the value of each run.
+/// Returns the settings that differ between runs, with the value of each run; without lambda, seed and workers.
 pub fn differing_settings(runs: &[Run]) -> BTreeMap<String, Vec<String>> {
     let Some(first) = runs.first() else { return BTreeMap::new() };
     let keys = runs.iter().flat_map(|run| differences(&first.settings, &run.settings).into_iter().map(|(key, ..)| key));

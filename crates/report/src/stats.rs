@@ -7,21 +7,21 @@ use serde::Serialize;
 
 /// Resamples of a bootstrap.
 pub const RESAMPLES: usize = 20_000;
-/// Seed of every bootstrap, so that a report says the same each time.
+/// Seed of every bootstrap, so that the same runs always give the same report.
 const SEED: u64 = 2021;
-/// Share of an interval's resamples outside it.
+/// Share of the resamples that lie outside an interval.
 const OUTSIDE: f64 = 0.05;
-/// Values below which no interval is given.
+/// Least number of values for an interval.
 pub const FEWEST: usize = 3;
 
-/// Values of some runs in short.
+/// Summary of the values of some runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Estimate {
     /// Number of values.
     pub n: usize,
     /// Their interquartile mean.
     pub iqm: f64,
-    /// Its 95 % bootstrap interval, where there are enough values.
+    /// Its 95 % bootstrap interval, if there are enough values.
     pub interval: Option<[f64; 2]>,
     /// Median of the values.
     pub median: f64,
@@ -34,9 +34,9 @@ pub struct Estimate {
 /// The difference between two groups of values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Contrast {
-    /// Interquartile mean of the second group less that of the first.
+    /// Interquartile mean of the second group minus that of the first.
     pub difference: f64,
-    /// Its 95 % bootstrap interval, where there are enough values in both.
+    /// Its 95 % bootstrap interval, if both groups have enough values.
     pub interval: Option<[f64; 2]>,
 }
 
@@ -66,7 +66,7 @@ pub fn median(values: &[f64]) -> Option<f64> {
 
 /// (values) => mean of the middle half
 ///
-/// Of `n` values the lowest and the highest `n / 4`, rounded down, are left out; of fewer than 4 none is.
+/// Of `n` values, the lowest and the highest `n / 4`, rounded down, are left out; of fewer than 4 values, none.
 ///
 /// # Source
 /// Agarwal et al. 2021, *Deep reinforcement learning at the edge of the statistical precipice*; `scipy.stats.trim_mean`
@@ -86,7 +86,7 @@ pub struct Bootstrap {
 }
 
 impl Bootstrap {
-    /// Resamples every group by itself, with replacement and to its own size: the groups are the strata.
+    /// Resamples each group separately (the groups are the strata), with replacement and to its own size.
     pub fn new(groups: Vec<Vec<f64>>) -> Bootstrap {
         let resampled = groups
             .iter()
@@ -106,7 +106,7 @@ impl Bootstrap {
         Bootstrap { groups, resampled }
     }
 
-    /// Returns a group in short; `None` for one without values.
+    /// Summarises a group; `None` for a group without values.
     pub fn estimate(&self, group: usize) -> Option<Estimate> {
         let values = sorted(self.groups.get(group)?);
         Some(Estimate {
@@ -119,7 +119,7 @@ impl Bootstrap {
         })
     }
 
-    /// Returns what the second group is above the first; `None` when one has no values.
+    /// Returns the difference of the second group minus the first; `None` when one has no values.
     pub fn contrast(&self, first: usize, second: usize) -> Option<Contrast> {
         let mean = |group: usize| interquartile_mean(self.groups.get(group)?);
         let (a, b) = (self.resampled.get(first)?, self.resampled.get(second)?);
@@ -128,7 +128,7 @@ impl Bootstrap {
     }
 }
 
-/// The middle 95 % of resampled statistics.
+/// Returns the middle 95 % of resampled statistics.
 fn interval(mut resampled: Vec<f64>) -> Option<[f64; 2]> {
     resampled.sort_by(f64::total_cmp);
     Some([quantile(&resampled, OUTSIDE / 2.0)?, quantile(&resampled, 1.0 - OUTSIDE / 2.0)?])
@@ -144,8 +144,8 @@ fn sorted(values: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    // Success rates of five and of eight runs. The numbers that are compared with them are those of NumPy and SciPy, and
-    // the intervals those of every resample there is, or of 200,000.
+    // Success rates of five and of eight runs. The expected numbers come from NumPy and SciPy, the expected intervals from all
+    // possible resamples, or from 200,000 of them.
     const FIVE: [f64; 5] = [0.9, 0.815, 0.68, 0.95, 0.77];
     const EIGHT: [f64; 8] = [0.59, 0.825, 0.7, 0.66, 0.74, 0.61, 0.88, 0.79];
 

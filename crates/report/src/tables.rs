@@ -1,4 +1,4 @@
-//! The CSV files of a report: a row for each run, and one for each quantity of each lambda.
+//! The CSV files of a report: one with a row for each run, one with a row for each quantity of each lambda.
 
 use crate::ReportError;
 use crate::records::{Analysis, LEVELS, RunRecord};
@@ -6,10 +6,10 @@ use crate::stats::Estimate;
 
 /// Name of the file with one row for each run.
 pub const RUNS: &str = "runs.csv";
-/// Name of the file with what the runs of each lambda come to.
+/// Name of the file with the estimates for each lambda.
 pub const LAMBDAS: &str = "lambdas.csv";
 
-/// Writes one row for each run; what a run does not have is left empty.
+/// Writes one row for each run; missing numbers are left empty.
 ///
 /// # Errors
 /// [`ReportError::Draw`].

@@ -1,4 +1,4 @@
-//! A report as files.
+//! Writing a report's files.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,11 +13,11 @@ use crate::{ReportError, page, tables};
 
 /// Name of the page.
 pub const PAGE: &str = "index.html";
-/// Name of the file with everything that the page says.
+/// Name of the file with all results on the page.
 const JSON: &str = "report.json";
-/// Directory of the figures, which holds nothing else.
+/// Directory of the figures; it holds no other files.
 const FIGURES: &str = "figures";
-/// What a figure's files end with.
+/// Extensions of a figure's files.
 const EXTENSIONS: [&str; 3] = ["svg", "png", "csv"];
 
 /// A report that was written.
@@ -27,7 +27,7 @@ pub struct Report {
     pub directory: PathBuf,
     /// Its page.
     pub page: PathBuf,
-    /// What it says.
+    /// Its results.
     pub analysis: Analysis,
 }
 
@@ -71,7 +71,7 @@ fn check_out(out: &Path) -> Result<(), ReportError> {
     Ok(())
 }
 
-/// Removes the figures of an earlier report that this one does not have.
+/// Removes figures of an earlier report that the new report does not have.
 fn remove_stale(directory: &Path, files: &BTreeMap<PathBuf, Vec<u8>>) -> Result<(), ReportError> {
     for entry in directory.read_dir().map_err(cannot("read", directory))? {
         let path = entry.map_err(cannot("read", directory))?.path();

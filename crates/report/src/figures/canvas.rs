@@ -1,4 +1,4 @@
-//! What all figures share: the canvas, colours, axes, legends, and the picture of a drawing.
+//! Shared parts of all figures: canvas, colours, axes, legends, and rendering as PNG.
 
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -18,16 +18,16 @@ use crate::ReportError;
 /// The font of the figures: a part of DejaVu Sans, see `assets/README.md`.
 const FONT: &[u8] = include_bytes!("../../assets/DejaVuSans-subset.ttf");
 const FAMILY: &str = "sans-serif";
-/// Units of a drawing for each unit of its size: coordinates are whole numbers, and curves need finer ones.
+/// Drawing units per unit of a figure's size. Coordinates are whole numbers, and curves need finer steps than the size has.
 pub const FINE: u32 = 4;
 /// Pixels of a picture for each unit of a drawing's size.
 const PNG_SCALE: f32 = 2.0;
 
 /// Text, axes and the line of success.
 pub const INK: RGBColor = RGBColor(0x1F, 0x23, 0x28);
-/// What lies behind everything.
+/// Background.
 pub const PAPER: RGBColor = RGBColor(0xFF, 0xFF, 0xFF);
-/// One colour for each lambda, which people with any colour vision tell apart (Okabe and Ito 2008).
+/// One colour for each lambda; people with any colour vision can tell them apart (Okabe and Ito 2008).
 const SERIES: [RGBColor; 6] = [
     RGBColor(0x00, 0x72, 0xB2),
     RGBColor(0xD5, 0x5E, 0x00),
@@ -36,7 +36,7 @@ const SERIES: [RGBColor; 6] = [
     RGBColor(0xE6, 0x9F, 0x00),
     RGBColor(0x56, 0xB4, 0xE9),
 ];
-/// From the first component to the last, in lightness too.
+/// Colours of the components; from the first to the last they become lighter.
 const COMPONENTS: [RGBColor; 5] = [
     RGBColor(0x3B, 0x7D, 0xB8),
     RGBColor(0x5F, 0xA3, 0xD0),
@@ -49,7 +49,7 @@ const COMPONENTS: [RGBColor; 5] = [
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// A chart with two axes of numbers.
 pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-/// What drawing returns.
+/// Result of drawing.
 pub type Drawn<T = ()> = Result<T, DrawingAreaErrorKind<std::io::Error>>;
 
 /// Returns the colour of a lambda by its position.
@@ -87,7 +87,7 @@ pub fn draw(
         let area = SVGBackend::with_string(&mut svg, size).into_drawing_area();
         paint(&area).and_then(|()| area.present()).map_err(|error| failed(error.to_string()))?;
     }
-    // The size of the picture is that of the figure, whatever the units inside.
+    // The SVG has the figure's size; only its coordinates are finer.
     let fine = format!("width=\"{}\" height=\"{}\"", size.0, size.1);
     Ok(svg.replacen(&fine, &format!("width=\"{width}\" height=\"{height}\""), 1))
 }
@@ -113,12 +113,12 @@ pub fn render_png(name: &str, svg: &str) -> Result<Vec<u8>, ReportError> {
 
 /// Returns the style of text of a size.
 pub fn text(size: f64) -> TextStyle<'static> {
-    // What plotters takes for a size is the height of a line, by this factor that it has inside.
+    // plotters expects the height of a line, which is larger than the text's size by this factor.
     const LINE_HEIGHT: f64 = 1.24;
     (FAMILY, fine(size * LINE_HEIGHT) as i32).into_font().color(&INK)
 }
 
-/// What the axes of a chart say.
+/// Ranges, names and digits of a chart's axes.
 pub struct Axes<'a> {
     /// Range of x.
     pub x: Range<f64>,
@@ -140,7 +140,7 @@ impl Axes<'_> {
         self.draw_with(area, true)
     }
 
-    /// Draws the axes without numbers at x, where names take their place.
+    /// Draws the axes without numbers at x, so that names can take their place.
     pub fn draw_named<'b>(&self, area: &Area<'b>) -> Drawn<Chart<'b, 'b>> {
         self.draw_with(area, false)
     }
@@ -183,7 +183,7 @@ pub enum Key {
     Ink,
 }
 
-/// Writes a title and a legend below it, and returns the area that is left.
+/// Writes a title and a legend below it, and returns the rest of the area.
 pub fn head<'a>(area: &Area<'a>, title: &str, entries: &[(Key, String)]) -> Drawn<Area<'a>> {
     const LEFT: f64 = 14.0;
     const ROW: f64 = 22.0;
@@ -218,7 +218,7 @@ pub fn head<'a>(area: &Area<'a>, title: &str, entries: &[(Key, String)]) -> Draw
     Ok(area.split_vertically(fine(used)).1)
 }
 
-/// Draws the mark of a series: its shape tells it apart where colours do not.
+/// Draws the mark of a series. Its shape identifies the series also without colours.
 pub fn marker(area: &Area<'_>, series: usize, (x, y): (i32, i32), size: f64, filled: bool) -> Drawn {
     let color = series_color(series);
     let style = if filled { color.filled() } else { color.stroke_width(fine(1.2)) };
@@ -236,7 +236,7 @@ pub fn marker(area: &Area<'_>, series: usize, (x, y): (i32, i32), size: f64, fil
     area.draw(&PathElement::new(closed, style))
 }
 
-/// Rounds a number up to one that is read at a glance.
+/// Rounds up to a number that is easy to read.
 pub fn round_up(value: f64) -> f64 {
     if !(value.is_finite() && value > 0.0) {
         return 1.0;

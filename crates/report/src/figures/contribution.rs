@@ -14,11 +14,11 @@ const SIZE: (u32, u32) = (760, 430);
 /// Share of the distance between evaluations that a bar takes.
 const BAR: f64 = 0.72;
 
-/// What one panel shows.
+/// Data of one panel.
 struct Panel {
     label: String,
     success: Band,
-    /// One for each component.
+    /// Contribution rate of each component.
     rates: Vec<Band>,
     sum: Band,
 }
@@ -57,8 +57,8 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
 }
 
 fn figure(name: String, title: String, svg: String, panels: &[(f64, &Panel)]) -> Result<Figure, ReportError> {
-    let caption = "Bars: contribution rate of each principal component of the postures that the analysis covered then, the \
-                   first at the bottom (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
+    let caption = "Bars: contribution rate of each principal component at that time, the first component at the bottom \
+                   (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
                    lowest run to the highest.";
     Ok(Figure { csv: Panel::numbers(&name, panels)?, name, title, caption: caption.to_owned(), svg })
 }
@@ -114,7 +114,7 @@ impl Panel {
         plot.draw(&Polygon::new(upper.chain(lower).collect::<Vec<_>>(), INK.mix(0.22)))?;
         plot.draw(&PathElement::new(line.clone(), PAPER.stroke_width(fine(4.6))))?;
         plot.draw(&PathElement::new(line, INK.stroke_width(fine(2.2))))?;
-        // The bars stand on the axis, which they have covered.
+        // The bars have covered the axis, so it is drawn again.
         plot.draw(&PathElement::new(vec![(0.0, 0.0), (axes.x.end, 0.0)], INK.stroke_width(FINE)))
     }
 

@@ -11,15 +11,15 @@ use crate::curves::Band;
 use crate::stats::quantile;
 
 const SIZE: (u32, u32) = (760, 420);
-/// Places at which a distribution is drawn.
+/// Number of steps of a distribution's curve.
 const STEPS: usize = 120;
-/// Share of the errors that the axis of their distribution reaches.
+/// Share of the errors that the axis of their distribution covers.
 const SHOWN: f64 = 0.995;
 
-/// A number of an evaluation, where it exists.
+/// A number of an evaluation, if it exists.
 type Number = fn(&MetricsRow) -> Option<f64>;
 
-/// What a figure of curves says.
+/// Description of a figure with curves.
 struct Plot {
     name: &'static str,
     title: &'static str,
@@ -33,9 +33,9 @@ struct Plot {
     /// Factors from the files' units to those of the axes.
     scale: (f64, f64),
     y_digits: usize,
-    /// Greatest y, where it is fixed.
+    /// Fixed end of the y axis, if any.
     top: Option<f64>,
-    /// Whether each curve has points, at which it is marked.
+    /// Whether each point of a curve has a mark.
     marked: bool,
 }
 
@@ -100,7 +100,7 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     Ok(figures)
 }
 
-/// The share of postures whose error is at most so much.
+/// Draws the distribution of the error: the share of postures with at most this error.
 fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
     let reach = |errors: &Vec<f64>| quantile(errors, SHOWN);
     let end = groups.iter().flat_map(|g| &g.runs).filter_map(|run| reach(&run.errors)).fold(0.0, f64::max);
@@ -119,8 +119,8 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
     let plot = Plot {
         name: "error-distribution",
         title: "Distribution of the approximation error",
-        caption: "Share of the postures that a run's synergy was fitted to whose distance from it is at most so \
-                  much. Line: median over the runs; band: from the lowest run to the highest.",
+        caption: "Share of postures whose distance from the run's synergy is at most e, among the postures that the synergy \
+                  covers. Line: median over the runs; band: from the lowest run to the highest.",
         x_name: "approximation error e (rad)",
         x_column: "error_rad",
         x: |_| None,
@@ -135,7 +135,7 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
 }
 
 impl Plot {
-    /// Draws the bands of the lambdas; without a point there is no figure.
+    /// Draws the bands of the lambdas; returns no figure if there is no point.
     fn figure(&self, groups: &[Group<'_>], bands: &[Band]) -> Result<Option<Figure>, ReportError> {
         if bands.iter().all(|band| band.points.is_empty()) {
             return Ok(None);
@@ -186,7 +186,7 @@ impl Plot {
             let line: Vec<(f64, f64)> = band.points.iter().map(|p| (p.x * sx, p.median * sy)).collect();
             plot.draw(&PathElement::new(line.clone(), series_color(i).stroke_width(fine(2.2))))?;
             if self.marked {
-                // The whole area, as a mark at the end of an axis reaches beyond the plot.
+                // Marks use the whole area, because a mark at the end of an axis reaches beyond the plot.
                 let screen = rest.use_screen_coord();
                 for point in &line {
                     marker(&screen, i, plot.map_coordinate(point), 3.6, true)?;

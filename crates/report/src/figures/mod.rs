@@ -1,4 +1,4 @@
-//! Figures, each with the numbers that are plotted in it.
+//! Figures, each with its plotted numbers.
 
 mod canvas;
 mod contribution;
@@ -18,7 +18,7 @@ pub use canvas::render_png;
 pub struct Figure {
     /// Name of its files, without an extension.
     pub name: String,
-    /// What it shows, in a few words.
+    /// Its title.
     pub title: String,
     /// How to read it.
     pub caption: String,
@@ -48,7 +48,7 @@ pub(crate) fn label(lambda: f64, n_runs: usize) -> String {
     format!("\u{3bb} = {lambda} ({n_runs} {})", if n_runs == 1 { "run" } else { "runs" })
 }
 
-/// Draws every figure for which there are numbers.
+/// Draws every figure that has numbers.
 ///
 /// # Errors
 /// [`ReportError::Draw`].
@@ -63,14 +63,14 @@ pub fn all(runs: &[Run], analysis: &Analysis) -> Result<Vec<Figure>, ReportError
 fn groups(runs: &[Run]) -> Vec<Group<'_>> {
     let mut groups: BTreeMap<u64, Group<'_>> = BTreeMap::new();
     for run in runs {
-        // Numbers of at least 0 have the order of their bits.
+        // The bits of numbers of at least 0 have the same order as the numbers.
         let key = run.lambda.abs().to_bits();
         groups.entry(key).or_insert_with(|| Group { lambda: run.lambda, runs: Vec::new() }).runs.push(run);
     }
     groups.into_values().collect()
 }
 
-/// Writes rows of numbers as CSV; a number that is not finite is left empty.
+/// Writes rows of numbers as CSV; a number that is not finite becomes an empty field.
 pub(crate) fn csv(
     name: &str,
     header: &[&str],

@@ -1,4 +1,4 @@
-//! Results of single runs as points, with what they come to together.
+//! Results of single runs as points, with their interquartile means.
 
 use plotters::element::PathElement;
 use plotters::style::Color;
@@ -186,7 +186,7 @@ fn rows(first: &str, columns: &[Column]) -> Vec<Vec<Cell>> {
     rows
 }
 
-/// Points over names.
+/// A chart of points above names.
 struct Categories<'a> {
     names: &'a [String],
     columns: &'a [Column],
@@ -197,7 +197,7 @@ struct Categories<'a> {
 }
 
 impl Categories<'_> {
-    /// Draws them with `side_by_side` columns for each name.
+    /// Draws the chart with `side_by_side` columns for each name.
     fn draw(&self, area: &Area<'_>, side_by_side: usize) -> Drawn {
         let values = self.columns.iter().flat_map(|column| &column.values).map(|(_, value)| value * self.factor);
         let top = self.top.unwrap_or_else(|| round_up(values.fold(0.0, f64::max)));
@@ -211,11 +211,11 @@ impl Categories<'_> {
         };
         let chart = axes.draw_named(area)?;
         let plot = chart.plotting_area();
-        // The whole area, as a mark at the end of an axis reaches beyond the plot.
+        // Marks use the whole area, because a mark at the end of an axis reaches beyond the plot.
         let screen = area.use_screen_coord();
         let at = |x: f64, y: f64| plot.map_coordinate(&(x, y));
         let style = text(13.0).pos(Pos::new(HPos::Center, VPos::Top));
-        // Text, unlike shapes, is placed from the corner of its area also where coordinates are those of the screen.
+        // plotters places text relative to the corner of its area, even if the coordinates are those of the screen.
         let (left, above) = screen.get_base_pixel();
         for (i, name) in self.names.iter().enumerate() {
             let (x, y) = at(i as f64 + 0.5, 0.0);
@@ -231,7 +231,7 @@ impl Categories<'_> {
                 continue;
             }
             for (i, (_, value)) in column.values.iter().enumerate() {
-                // Runs stand beside one another and beside their mean, as they would hide each other.
+                // The marks of the runs and of their mean stand side by side, so that they do not hide each other.
                 let beside = 0.06 + 0.38 * (i as f64 + 0.5) / column.values.len() as f64;
                 marker(&screen, column.series, at(x + beside * width, value * self.factor), 2.6, false)?;
             }
