@@ -130,7 +130,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn announce(what: &str, peers: &[Peer]) {
     let names: Vec<&str> = peers.iter().map(|peer| peer.name.as_str()).collect();
     match names.as_slice() {
-        [] => eprintln!("{what} ... (no other learners: {} is not set, and bench/peers has no .venv)", bench::PYTHON_VARIABLE),
+        [] => eprintln!(
+            "{what} ... (no other learners: {} is not set, and bench/peers has no .venv)",
+            bench::PYTHON_VARIABLE
+        ),
         names => eprintln!("{what} ... (by turns with {})", names.join(", ")),
     }
 }
@@ -155,7 +158,9 @@ fn describe_sim(found: &[SimSpeed]) -> String {
     }
     let mut text = table(&rows);
     if found.iter().any(|speed| !speed.identical) {
-        text.push_str("warning: environment and bare mj_step ended in different states, so their speeds are not comparable\n");
+        text.push_str(
+            "warning: environment and bare mj_step ended in different states, so their speeds are not comparable\n",
+        );
     }
     text.push('\n');
     text

@@ -129,7 +129,13 @@ fn hands(plugins: &[PathBuf]) -> Finding {
     let finding = |ok, detail, mend| Finding { name: "hands", ok, required: true, detail, mend };
     let registry = match Registry::discover(&search_path(plugins)) {
         Ok(registry) => registry,
-        Err(error) => return finding(false, error.to_string(), Some("correct or remove this entry of --plugins or EIGENHAND_PLUGINS".to_owned())),
+        Err(error) => {
+            return finding(
+                false,
+                error.to_string(),
+                Some("correct or remove this entry of --plugins or EIGENHAND_PLUGINS".to_owned()),
+            );
+        }
     };
     let broken: Vec<String> = registry
         .list()
@@ -144,8 +150,13 @@ fn hands(plugins: &[PathBuf]) -> Finding {
     }
     let mut detail = sound.join(", ");
     if !broken.is_empty() {
-        detail = format!("{}\nbroken: {}", if sound.is_empty() { "no hand is usable" } else { &detail }, broken.join("\n"));
-        return finding(false, detail, Some("correct the file in the message, or move the hand's directory away".to_owned()));
+        detail =
+            format!("{}\nbroken: {}", if sound.is_empty() { "no hand is usable" } else { &detail }, broken.join("\n"));
+        return finding(
+            false,
+            detail,
+            Some("correct the file in the message, or move the hand's directory away".to_owned()),
+        );
     }
     finding(true, detail, None)
 }

@@ -199,8 +199,8 @@ fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
     )
 }
 
-/// Returns a path to this program, for starting it again. On Linux, the path leads to the running program even if its file
-/// has been rebuilt since, so that the same program makes all runs.
+/// Returns a path to this program, for starting it again. On Linux, the path leads to the running program even if its
+/// file has been rebuilt since, so that the same program makes all runs.
 fn own_program() -> anyhow::Result<PathBuf> {
     let running = PathBuf::from("/proc/self/exe");
     if running.exists() { Ok(running) } else { std::env::current_exe().context("cannot find this program's own file") }

@@ -34,8 +34,8 @@ enum Privilege {
     SudoAsking,
 }
 
-/// Runs `work`. If it fails because MuJoCo is missing, installs Debian's package, if possible and allowed, and runs `work`
-/// again. So every other fault of a command is reported before anything is installed.
+/// Runs `work`. If it fails because MuJoCo is missing, installs Debian's package, if possible and allowed, and runs
+/// `work` again. So every other fault of a command is reported before anything is installed.
 ///
 /// # Errors
 /// The errors of `work`, or of the installation.
@@ -112,7 +112,9 @@ fn install(privilege: Privilege) -> anyhow::Result<()> {
         eprintln!("  {prefix}apt-get update");
     }
     eprintln!("  {prefix}{}", install_line());
-    eprintln!("(to prevent this, use --no-install or set {NO_INSTALL_VARIABLE}=1; to use another library, set {LIBRARY_VARIABLE})");
+    eprintln!(
+        "(to prevent this, use --no-install or set {NO_INSTALL_VARIABLE}=1; to use another library, set {LIBRARY_VARIABLE})"
+    );
     if !known {
         apt(privilege, &["update"])?;
         if !has_candidate() {

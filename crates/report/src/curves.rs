@@ -39,8 +39,9 @@ impl Band {
         Band { points: places.into_iter().filter_map(|x| BandPoint::of(x, at(x).collect())).collect() }
     }
 
-    /// Joins curves with points at different x, by straight lines between the points. The band begins where the last curve
-    /// begins, and ends where less than half of the curves go on. Each point of it joins the curves that reach this x.
+    /// Joins curves with points at different x, by straight lines between the points. The band begins where the last
+    /// curve begins, and ends where less than half of the curves go on. Each point of it joins the curves that reach
+    /// this x.
     pub fn interpolated(curves: &[Vec<(f64, f64)>]) -> Band {
         let filled = || curves.iter().filter(|curve| !curve.is_empty());
         let start = filled().map(|curve| curve[0].0).fold(f64::NEG_INFINITY, f64::max);

@@ -1,5 +1,5 @@
-//! A report on finished and unfinished runs: statistics across seeds for each lambda, figures with their numbers, and one
-//! self-contained HTML page.
+//! A report on finished and unfinished runs: statistics across seeds for each lambda, figures with their numbers, and
+//! one self-contained HTML page.
 #![forbid(unsafe_code)]
 
 mod analysis;

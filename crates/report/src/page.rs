@@ -216,8 +216,8 @@ fn levels_table(analysis: &Analysis) -> Markup {
         h2 { "How soon" }
         (table(&words(&["", "success", "runs that reached it", "median episodes", "median wall time (min)"]), &rows))
         p.soft {
-            "Time of the first evaluation during training that reached this success. A run that never reached it counts as "
-            "later than all others. There is no median if half of the runs or more never reached it."
+            "Time of the first evaluation during training that reached this success. A run that never reached it "
+            "counts as later than all others. There is no median if half of the runs or more never reached it."
         }
     }
 }

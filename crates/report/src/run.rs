@@ -83,8 +83,8 @@ impl Run {
         self.summary.as_ref().filter(|summary| summary.is_complete())
     }
 
-    /// Returns a curve over the evaluations during training, such as the success rate over the episodes. Evaluations without
-    /// one of the two numbers are left out.
+    /// Returns a curve over the evaluations during training, such as the success rate over the episodes. Evaluations
+    /// without one of the two numbers are left out.
     pub fn curve(
         &self,
         x: impl Fn(&MetricsRow) -> Option<f64>,

@@ -144,8 +144,8 @@ fn sorted(values: &[f64]) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    // Success rates of five and of eight runs. The expected numbers come from NumPy and SciPy, the expected intervals from all
-    // possible resamples, or from 200,000 of them.
+    // Success rates of five and of eight runs. The expected numbers come from NumPy and SciPy, the expected intervals
+    // from all possible resamples, or from 200,000 of them.
     const FIVE: [f64; 5] = [0.9, 0.815, 0.68, 0.95, 0.77];
     const EIGHT: [f64; 8] = [0.59, 0.825, 0.7, 0.66, 0.74, 0.61, 0.88, 0.79];
 

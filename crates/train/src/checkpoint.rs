@@ -85,8 +85,8 @@ impl Checkpoints {
     /// Opens the checkpoints of a run and reads the newest checkpoint.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when there is no checkpoint, [`TrainError::Damaged`] when a file does not match its digest.
-    /// The messages name the file and the next step. No file is changed before all files have been read.
+    /// [`TrainError::NotARun`] when there is no checkpoint, [`TrainError::Damaged`] when a file does not match its
+    /// digest. The messages name the file and the next step. No file is changed before all files have been read.
     pub fn open(run: &Path, kept: usize, normalizer: &NormalizerConfig) -> Result<(Checkpoints, Restored), TrainError> {
         let directory = run.join(DIRECTORY);
         let existing = list(&directory)?;
@@ -255,7 +255,8 @@ fn read_replay(file: &mut File, path: &Path, length: u64) -> Result<Vec<EpisodeD
     let damaged = |reason: String| TrainError::Damaged {
         path: path.to_owned(),
         reason,
-        mend: "start a new run with another --out; the postures and the metrics of this run can still be used".to_owned(),
+        mend: "start a new run with another --out; the postures and the metrics of this run can still be used"
+            .to_owned(),
     };
     let mut bytes = Vec::new();
     file.take(length).read_to_end(&mut bytes).map_err(cannot("read", path))?;

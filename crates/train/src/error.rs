@@ -153,7 +153,7 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// (number of the update, its statistics, learning rates of actor and critic) => the error of a learner that diverged
+    /// (number of the update, its statistics, learning rates of actor and critic) => the error of a diverged learner
     pub(crate) fn diverged(update: u64, stats: &UpdateStats, [actor_lr, critic_lr]: [f32; 2]) -> TrainError {
         TrainError::LearnerDiverged {
             update,

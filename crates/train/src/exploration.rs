@@ -9,8 +9,9 @@ use crate::error::TrainError;
 
 /// Returns the exploration that a configuration describes for a hand.
 ///
-/// Random actions of the slide are held longer than those of the fingers (`training.slide_hold`). If the hand has `closing`
-/// in `hand.toml`, random actions can also close or open the whole hand and move the slide to one of its ends.
+/// Random actions of the slide are held longer than those of the fingers (`training.slide_hold`). If the hand has
+/// `closing` in `hand.toml`, random actions can also close or open the whole hand and move the slide to one of its
+/// ends.
 ///
 /// # Errors
 /// [`TrainError::Rl`] when a setting is out of range.
@@ -25,8 +26,8 @@ pub(crate) fn exploration_of(
     Ok(exploration)
 }
 
-/// Returns the role of each actuator in exploration. In a coordinated action the hand closes or opens, and the slide goes
-/// down or up.
+/// Returns the role of each actuator in exploration. In a coordinated action the hand closes or opens, and the slide
+/// goes down or up.
 fn dimensions(hand: &Hand, task: &GraspTask, slide_hold: f32) -> Vec<ActionDimension> {
     let closing = &hand.manifest.closing;
     let dimension = |(name, start): (&String, f32)| {

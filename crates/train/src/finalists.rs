@@ -39,7 +39,8 @@ impl Finalists {
         &self.best
     }
 
-    /// Measures the finalists again with `score`, and returns the one with the highest success rate; of equals, the first.
+    /// Measures the finalists again with `score`, and returns the one with the highest success rate; of equals, the
+    /// first.
     ///
     /// The best of many noisy evaluations is partly luck, so the finalists are compared on further episodes. A single
     /// finalist needs no comparison.

@@ -56,8 +56,8 @@ impl FinishedRun {
     ///
     /// # Errors
     /// [`TrainError::NotARun`] when there is no policy yet, [`TrainError::Damaged`] when a file cannot be read,
-    /// [`TrainError::HandChanged`] when the hand's files have changed, and [`ConfigError`] for a change that is not valid or
-    /// that has no effect on an evaluation.
+    /// [`TrainError::HandChanged`] when the hand's files have changed, and [`ConfigError`] for a change that is not
+    /// valid or that has no effect on an evaluation.
     pub fn open(directory: &Path, hands: &SearchPath, changes: &[String]) -> Result<FinishedRun, TrainError> {
         require_run(directory)?;
         let config = changed_config(directory, changes)?;
@@ -173,8 +173,10 @@ fn changed_config(directory: &Path, changes: &[String]) -> Result<RunConfig, Con
         let key = change.split('=').next().unwrap_or_default().trim();
         if !SCENE_KEYS.iter().any(|known| key == *known || (known.ends_with('.') && key.starts_with(known))) {
             let origin = format!("--set {change}");
-            let reason =
-                format!("an evaluation can change only these settings: {}", SCENE_KEYS.join(", ").replace("physics.", "physics.*"));
+            let reason = format!(
+                "an evaluation can change only these settings: {}",
+                SCENE_KEYS.join(", ").replace("physics.", "physics.*")
+            );
             return Err(ConfigError::Value { origin, reason });
         }
     }

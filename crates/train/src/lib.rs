@@ -1,7 +1,7 @@
 //! Training, evaluation and export: the crate that brings hands, simulator, learner and synergy together.
 //!
-//! [`request`] makes a new or a resumed run from a user's request, [`Trainer`] trains it, and [`FinishedRun`] evaluates and
-//! exports it. [`config`] holds every setting, [`feedback`] is the effect of the synergy on reward and actor, and
+//! [`request`] makes a new or a resumed run from a user's request, [`Trainer`] trains it, and [`FinishedRun`] evaluates
+//! and exports it. [`config`] holds every setting, [`feedback`] is the effect of the synergy on reward and actor, and
 //! [`reproduce`] trains several runs, each in its own process.
 #![forbid(unsafe_code)]
 

@@ -17,7 +17,8 @@ pub const METRICS: &str = "metrics.csv";
 /// The first column; it identifies the row.
 const EPISODE: &str = "episode";
 
-/// One evaluation during training, with means over the updates since the evaluation before; `None` for a missing number.
+/// One evaluation during training, with means over the updates since the evaluation before; `None` for a missing
+/// number.
 ///
 /// docs/algorithms.md defines each field under the name of its column.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -137,8 +138,8 @@ impl MetricsRow {
         }
     }
 
-    /// Returns the columns with one value, in four groups. In the file, the objects' success rates follow the first group,
-    /// and the components' contribution rates the second.
+    /// Returns the columns with one value, in four groups. In the file, the objects' success rates follow the first
+    /// group, and the components' contribution rates the second.
     fn fields(&mut self) -> [Vec<(&'static str, &mut Option<f64>)>; 4] {
         [
             vec![
@@ -210,7 +211,8 @@ impl MetricsFile {
 
 /// Reads the rows in a run directory, from top to bottom.
 ///
-/// A run has no rows before its first evaluation. A last line without a line end is still being written, and is ignored.
+/// A run has no rows before its first evaluation. A last line without a line end is still being written, and is
+/// ignored.
 ///
 /// # Errors
 /// [`TrainError::File`], or [`TrainError::Damaged`] with the line that cannot be read.
@@ -283,7 +285,8 @@ fn csv_error(path: &Path, error: csv::Error) -> TrainError {
     TrainError::Damaged {
         path: path.to_owned(),
         reason: error.to_string(),
-        mend: "the policy and the postures are not affected: move the file away, then continue the run with --resume".to_owned(),
+        mend: "the policy and the postures are not affected: move the file away, then continue the run with --resume"
+            .to_owned(),
     }
 }
 

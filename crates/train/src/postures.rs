@@ -19,7 +19,8 @@ pub(crate) struct Postures {
 }
 
 impl Postures {
-    /// Opens the database of a run. Postures that it holds already are ignored until they are [restored](Self::restore).
+    /// Opens the database of a run. Postures that it holds already are ignored until they are
+    /// [restored](Self::restore).
     ///
     /// # Errors
     /// [`TrainError::Synergy`] for the database.

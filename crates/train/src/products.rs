@@ -202,7 +202,9 @@ fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError>
         match reference_step(products, &mut env, &mut scratch, index) {
             Ok(step) => steps.push(step),
             // A simulation that diverges in its first step is no reference.
-            Err(SimError::Diverged { .. }) => tracing::warn!("reference.json has no step with the object {name}: its simulation diverges"),
+            Err(SimError::Diverged { .. }) => {
+                tracing::warn!("reference.json has no step with the object {name}: its simulation diverges")
+            }
             Err(error) => return Err(error.into()),
         }
     }

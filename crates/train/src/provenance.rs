@@ -23,8 +23,8 @@ pub struct Provenance {
     pub hand_directory: String,
     /// Version of this program.
     pub eigenhand_version: String,
-    /// Git revision, at the start of the run, of the checkout that the program was built from. It ends with `+` if there
-    /// are uncommitted changes, and is empty without a checkout.
+    /// Git revision, at the start of the run, of the checkout that the program was built from. It ends with `+` if
+    /// there are uncommitted changes, and is empty without a checkout.
     pub git_revision: String,
     /// Version of MuJoCo.
     pub mujoco_version: String,

@@ -130,8 +130,8 @@ impl Launch {
     /// Prepares to continue a run from its newest checkpoint.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`], [`TrainError::Locked`], [`TrainError::HandChanged`] and [`TrainError::Damaged`]. With these
-    /// errors no file has been changed.
+    /// [`TrainError::NotARun`], [`TrainError::Locked`], [`TrainError::HandChanged`] and [`TrainError::Damaged`]. With
+    /// these errors no file has been changed.
     pub fn resume(request: &ResumedRun) -> Result<Launch, TrainError> {
         let run = RunDirectory::open(&request.run)?;
         let mut stored = run.config()?;
@@ -155,7 +155,10 @@ impl Launch {
         if plan.episodes < plan.episodes_done {
             return Err(TrainError::Option {
                 option: format!("--episodes {}", plan.episodes),
-                reason: format!("the run has trained {} episodes already; expected a larger number", plan.episodes_done),
+                reason: format!(
+                    "the run has trained {} episodes already; expected a larger number",
+                    plan.episodes_done
+                ),
             });
         }
         if request.episodes.is_some() || request.tensorboard.is_some() {

@@ -83,8 +83,8 @@ pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
     Ok(RunConfig::read(&path.join(CONFIG))?)
 }
 
-/// Reads the settings of the run in a directory. Unknown keys are allowed, because another version of this program may have
-/// written them.
+/// Reads the settings of the run in a directory. Unknown keys are allowed, because another version of this program may
+/// have written them.
 ///
 /// # Errors
 /// [`TrainError::NotARun`] when the directory is no run, [`TrainError::Config`] when its settings are not TOML.

@@ -1,8 +1,8 @@
 //! The training loop.
 //!
 //! In each cycle, the trainer stores the episodes that the workers have simulated, submits the next episodes with the
-//! current policy, and learns while they run. So rollouts overlap with learning, and their policy is one cycle old. Their
-//! results depend only on the seed and the configuration.
+//! current policy, and learns while they run. So rollouts overlap with learning, and their policy is one cycle old.
+//! Their results depend only on the seed and the configuration.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -18,7 +18,8 @@ use crate::ReportError;
 /// The font of the figures: a part of DejaVu Sans, see `assets/README.md`.
 const FONT: &[u8] = include_bytes!("../../assets/DejaVuSans-subset.ttf");
 const FAMILY: &str = "sans-serif";
-/// Drawing units per unit of a figure's size. Coordinates are whole numbers, and curves need finer steps than the size has.
+/// Drawing units per unit of a figure's size. Coordinates are whole numbers, and curves need finer steps than the size
+/// has.
 pub const FINE: u32 = 4;
 /// Pixels of a picture for each unit of a drawing's size.
 const PNG_SCALE: f32 = 2.0;

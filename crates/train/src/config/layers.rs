@@ -50,8 +50,8 @@ impl Layers {
     /// Starts from the resolved configuration of a run directory.
     ///
     /// # Errors
-    /// [`ConfigError`] names the file and the key. A missing key is an error too: a run continues with the settings that it
-    /// began with, even if the defaults have changed since.
+    /// [`ConfigError`] names the file and the key. A missing key is an error too: a run continues with the settings
+    /// that it began with, even if the defaults have changed since.
     pub fn of_run(path: &Path) -> Result<Layers, ConfigError> {
         let mut layers = Layers::new(Preset::Default)?;
         let required = layers.resolve()?.settings()?;
@@ -62,7 +62,9 @@ impl Layers {
         match required.into_keys().find(|key| !written.contains_key(key)) {
             Some(key) => Err(ConfigError::Value {
                 origin,
-                reason: format!("{key} is absent: another version of this program wrote the file; use that version, or start a new run"),
+                reason: format!(
+                    "{key} is absent: another version of this program wrote the file; use that version, or start a new run"
+                ),
             }),
             None => Ok(layers),
         }

@@ -87,15 +87,15 @@ pub struct RunConfig {
     pub preset: Preset,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Weight of the synergy's feedback into the learner: of the penalty on the reward (paper, section 2.2), and of the cost
-    /// of commands.
+    /// Weight of the synergy's feedback into the learner: of the penalty on the reward (paper, section 2.2), and of the
+    /// cost of commands.
     pub lambda: f64,
     /// Training episodes.
     pub episodes: u64,
     /// Names of the objects, drawn uniformly.
     pub objects: Vec<String>,
-    /// Threads that simulate; 0 means one for each core. The same number of threads shares each update of the learner. The
-    /// result does not depend on this number.
+    /// Threads that simulate; 0 means one for each core. The same number of threads shares each update of the learner.
+    /// The result does not depend on this number.
     pub workers: usize,
     /// Whether event files for TensorBoard are written into the run directory.
     pub tensorboard: bool,
@@ -165,8 +165,8 @@ pub struct EvaluationConfig {
     pub final_episodes: u64,
     /// Actor networks that act: online, target or average.
     pub actor: ActorChoice,
-    /// Number of policies with the best evaluations. They are compared again at the end, and the best becomes the result.
-    /// With 0, the last policy becomes the result.
+    /// Number of policies with the best evaluations. They are compared again at the end, and the best becomes the
+    /// result. With 0, the last policy becomes the result.
     pub finalists: usize,
     /// Episodes of this comparison, for each of these policies.
     pub selection_episodes: u64,
@@ -184,9 +184,9 @@ pub struct SynergyConfig {
     pub start_after: usize,
     /// Penalty on the reward of a success.
     pub penalty: Penalty,
-    /// Weight of the cost of commands that the synergy cannot produce. The actor's loss contains this weight times lambda
-    /// times the squared distance from a command to the nearest command that the synergy can produce, for transitions that
-    /// succeed. In 1/rad^2.
+    /// Weight of the cost of commands that the synergy cannot produce. The actor's loss contains this weight times
+    /// lambda times the squared distance from a command to the nearest command that the synergy can produce, for
+    /// transitions that succeed. In 1/rad^2.
     pub command_weight: f64,
 }
 

@@ -52,7 +52,12 @@ impl RunConfig {
         share("training.final_noise", t.final_noise)?;
         let [from, to] = t.noise_decay;
         let rising = (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to);
-        expect(rising, "training.noise_decay", "two numbers from 0 to 1 in ascending order", format!("{:?}", t.noise_decay))
+        expect(
+            rising,
+            "training.noise_decay",
+            "two numbers from 0 to 1 in ascending order",
+            format!("{:?}", t.noise_decay),
+        )
     }
 
     fn validate_evaluation(&self) -> Outcome {
@@ -74,7 +79,8 @@ impl RunConfig {
             .map_err(|error| related(error, &["synergy.components", "synergy.start_after"]))?;
         weight("synergy.command_weight", s.command_weight)?;
         let one = s.command_weight == 0.0 || s.penalty != Penalty::Literal;
-        let reason = "0 with synergy.penalty = literal, because that penalty can make a success earn less than a failure";
+        let reason =
+            "0 with synergy.penalty = literal, because that penalty can make a success earn less than a failure";
         expect(one, "synergy.command_weight", reason, s.command_weight)
             .map_err(|error| related(error, &["synergy.penalty"]))
     }

@@ -4,8 +4,8 @@ use eigenhand_rl::ActionCost;
 use eigenhand_sim::FAILURE;
 use eigenhand_synergy::{ActuationMap, CommandSpace, Synergy};
 
-/// Returns the cost `weight * distance^2` of an action, for transitions that succeed. The distance is that from the action's
-/// command to the nearest command that the synergy can produce.
+/// Returns the cost `weight * distance^2` of an action, for transitions that succeed. The distance is that from the
+/// action's command to the nearest command that the synergy can produce.
 pub(super) fn command_cost(synergy: &Synergy, actuation: &ActuationMap, weight: f64) -> ActionCost {
     let space = CommandSpace::new(synergy, actuation);
     let ranges = actuation.control_min.iter().zip(&actuation.control_max);

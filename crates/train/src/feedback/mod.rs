@@ -36,8 +36,8 @@ pub struct Feedback {
 impl Feedback {
     /// Returns the feedback before the first analysis; it does nothing yet.
     ///
-    /// `lambda` scales the penalty and the cost of commands, `command_weight` only the cost. The feedback starts when an
-    /// analysis covers more than `start_after` postures.
+    /// `lambda` scales the penalty and the cost of commands, `command_weight` only the cost. The feedback starts when
+    /// an analysis covers more than `start_after` postures.
     pub fn new(lambda: f64, penalty: Penalty, command_weight: f64, start_after: usize) -> Self {
         Feedback { synergy: None, lambda, penalty, command_weight, start_after }
     }
@@ -71,7 +71,8 @@ impl Feedback {
         }
     }
 
-    /// Returns the cost of actions in the actor's loss, for transitions that succeed; none while the feedback is inactive.
+    /// Returns the cost of actions in the actor's loss, for transitions that succeed; none while the feedback is
+    /// inactive.
     pub fn action_cost(&self, actuation: &ActuationMap) -> Option<ActionCost> {
         let weight = self.lambda * self.command_weight;
         self.active().filter(|_| weight > 0.0).map(|synergy| command_cost::command_cost(synergy, actuation, weight))

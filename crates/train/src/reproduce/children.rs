@@ -57,8 +57,8 @@ struct Running<'a> {
 /// stop: after the first, the processes are interrupted and save; after the second, they are killed.
 ///
 /// # Errors
-/// [`TrainError::File`] when waiting for a process fails, or its files cannot be read; running processes are stopped first.
-/// A process that cannot be started is no error of this function: its run has [`Ending::Failed`].
+/// [`TrainError::File`] when waiting for a process fails, or its files cannot be read; running processes are stopped
+/// first. A process that cannot be started is no error of this function: its run has [`Ending::Failed`].
 pub fn train(
     reproduction: &Reproduction,
     jobs: usize,
@@ -225,8 +225,8 @@ fn start<'a>(
     let second = log.try_clone().map_err(cannot("open", &member.log))?;
     let mut command = command(member);
     command.stdin(Stdio::null()).stdout(log).stderr(second);
-    // Ctrl-C on a terminal reaches every process of a group. In groups of their own, the children hear of it only from this
-    // process, and only once.
+    // Ctrl-C on a terminal reaches every process of a group. In groups of their own, the children hear of it only from
+    // this process, and only once.
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let child = command.spawn().map_err(cannot("start", Path::new(command.get_program())))?;
     Ok(Running { member, position, child, log_start, status: None })

@@ -16,7 +16,8 @@ mod overview;
 
 pub use overview::{Overview, OverviewBars, OverviewDisplay, OverviewLines, Progressing, Silent};
 
-/// Keys in which the runs of one reproduction may differ: lambda and seed, and `workers`, which does not affect results.
+/// Keys in which the runs of one reproduction may differ: lambda and seed, and `workers`, which does not affect
+/// results.
 pub const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
 /// Largest number of differing keys that an error lists.
 const LISTED: usize = 5;
@@ -84,8 +85,8 @@ impl Reproduction {
     /// Resolves the settings, locks the directory, and finds the state of its runs. No run is changed.
     ///
     /// # Errors
-    /// The first fault of the settings or the hand; [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when a run
-    /// in the directory has other settings or another version of the hand; [`TrainError::Locked`].
+    /// The first fault of the settings or the hand; [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when
+    /// a run in the directory has other settings or another version of the hand; [`TrainError::Locked`].
     pub fn prepare(request: &Request) -> Result<Reproduction, TrainError> {
         refuse_varied(&request.settings)?;
         let (lambdas, seeds) = (distinct(&request.lambdas), distinct(&request.seeds));
@@ -103,7 +104,10 @@ impl Reproduction {
             hand = Some(found);
         }
         let (Some(config), Some(hand)) = (configs.first().cloned(), hand) else {
-            return Err(TrainError::Option { option: "--seeds".to_owned(), reason: "expected at least one value".to_owned() });
+            return Err(TrainError::Option {
+                option: "--seeds".to_owned(),
+                reason: "expected at least one value".to_owned(),
+            });
         };
         let name = hand.manifest.name.clone();
         let default = || Path::new("runs").join(format!("reproduce-{name}-{}", config.preset.name()));
@@ -155,8 +159,8 @@ impl Member {
     /// Removes the directory of a run without a checkpoint, so that the run can start again.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when the directory holds other files, [`TrainError::Locked`] when another process still trains
-    /// there, [`TrainError::File`].
+    /// [`TrainError::NotARun`] when the directory holds other files, [`TrainError::Locked`] when another process still
+    /// trains there, [`TrainError::File`].
     pub(crate) fn clear(&self) -> Result<(), TrainError> {
         let foreign = |entry: &std::fs::DirEntry| {
             let name = entry.file_name();

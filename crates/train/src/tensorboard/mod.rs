@@ -1,8 +1,8 @@
 //! Event files for TensorBoard: the rows of `metrics.csv` as curves over the training episodes.
 //!
-//! An event file is computed from `metrics.csv` and the start time of the run. A resumed run writes a new file from the rows
-//! that it keeps, and removes the old file. So no event appears twice, and none belongs to an episode that is simulated
-//! again. The new file has a later name, so that a running TensorBoard notices it.
+//! An event file is computed from `metrics.csv` and the start time of the run. A resumed run writes a new file from the
+//! rows that it keeps, and removes the old file. So no event appears twice, and none belongs to an episode that is
+//! simulated again. The new file has a later name, so that a running TensorBoard notices it.
 
 mod record;
 
@@ -22,8 +22,8 @@ const PREFIX: &str = "events.out.tfevents.";
 /// Version of the format.
 const VERSION: &str = "brain.Event:2";
 
-/// Groups of curves, each with its columns of `metrics.csv`. A name that ends with `*` stands for every column with this
-/// beginning. The columns of the axes, `episode` and `wall_s`, are in no group and have no curve.
+/// Groups of curves, each with its columns of `metrics.csv`. A name that ends with `*` stands for every column with
+/// this beginning. The columns of the axes, `episode` and `wall_s`, are in no group and have no curve.
 const GROUPS: [(&str, &[&str]); 4] = [
     ("evaluation", &["success_rate*", "mean_final_distance_m", "mean_penetration_m"]),
     ("synergy", &["n_postures", "contribution_*", "mean_error_rad"]),
