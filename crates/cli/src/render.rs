@@ -11,30 +11,31 @@ use serde::Serialize;
 use crate::output::{Outcome, print, print_json};
 use crate::{search_path, setup};
 
-/// Name of the directory of the pictures in a run directory.
+/// Default directory for the pictures, in the run directory.
 const DIRECTORY: &str = "pictures";
-/// Episodes that each object has to be grasped in once.
+/// Largest number of episodes to get one successful grasp of an object.
 const TRIES: u64 = 20;
-/// Pictures of grasps in a row.
+/// Number of grasps in one row of the picture.
 const COLUMNS: usize = 4;
 
 /// Draws a run's grasps and the components of its synergy
 #[derive(clap::Args)]
 #[command(
-    after_help = "Writes grasps.png, a successful grasp of each object, and components.png, in each row a component \
-    of the synergy from its least coefficient over the mean posture to its greatest. No display is needed.\n\n\
+    after_help = "Writes grasps.png with a successful grasp of each object, and components.png with a row for each component \
+    of the synergy: the posture at its smallest coefficient, the mean posture, and the posture at its largest \
+    coefficient. Needs no display.\n\n\
     Example:\n  eigenhand render runs/shadow-quick-l1-s1-1"
 )]
 pub struct Args {
     /// Run directory
     run: PathBuf,
-    /// Directory for the pictures, which replace older ones [default: pictures, in the run directory]
+    /// Directory for the pictures; older pictures are replaced [default: pictures, in the run directory]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Components to draw, from the first on
+    /// Number of components to draw, beginning with the first
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=100))]
     components: u64,
-    /// Further directory of hands; can be given several times
+    /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
     /// Prints one JSON document on standard output
@@ -48,7 +49,7 @@ pub struct Args {
 struct Report<'a> {
     run: &'a Path,
     files: &'a [PathBuf],
-    /// Objects that were not grasped in any of the episodes.
+    /// Objects without a successful grasp.
     not_grasped: &'a [String],
 }
 
@@ -79,7 +80,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&files.iter().map(|file| format!("{}\n", file.display())).collect::<String>())?;
     }
     if !not_grasped.is_empty() {
-        eprintln!("note: not drawn, because {TRIES} episodes did not grasp them: {}", not_grasped.join(", "));
+        eprintln!(
+            "note: these objects are not drawn, because none of {TRIES} episodes grasped them: {}",
+            not_grasped.join(", ")
+        );
     }
     Ok(Outcome::Done)
 }
@@ -96,7 +100,7 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<Picture>, Vec<String>)> {
     Ok((drawn, missing))
 }
 
-/// Returns postures along the first components, one row for each: its least coefficient, the mean posture, its greatest.
+/// Returns a row of postures for each of the first components: at its smallest coefficient, the mean, and at its largest.
 fn sweep(synergy: &Synergy, components: usize) -> Vec<Vec<Vec<f64>>> {
     let ranges = synergy.coefficient_min().iter().zip(synergy.coefficient_max()).enumerate();
     let row = |(i, (low, high)): (usize, (&f64, &f64))| -> Vec<Vec<f64>> {
