@@ -17,9 +17,9 @@ const POLL: Duration = Duration::from_secs(1);
 /// Checks that a default training gives the same digits as another version of this program
 #[derive(clap::Args)]
 #[command(
-    after_help = "Trains the shadow hand with the defaults, seed 1, until the evaluation at --episodes, and compares \
-    metrics.csv with that of the other version, column by column, without the wall time. It names columns that only one \
-    version has. Exit status 1 if a digit or a column differs.\n\n\
+    after_help = "Trains the shadow hand with the defaults, seed 1, until the evaluation at --episodes, and compares\n\
+    metrics.csv with that of the other version, column by column, without the wall time. It names columns that only\n\
+    one version has. Exit status 1 if a digit or a column differs.\n\n\
     Examples:\n  cargo xtask same-digits --metrics before/metrics.csv\n  \
     cargo xtask same-digits --program ../before/target/release/xtask"
 )]

@@ -9,9 +9,11 @@ use crate::python;
 
 /// Runs all tests of the workspace
 #[derive(clap::Args)]
-#[command(after_help = "Passes its arguments on to `cargo test`. Tests of the Python examples need the packages that \
+#[command(
+    after_help = "Passes its arguments on to `cargo test`. Tests of the Python examples need the packages that\n\
     `cargo xtask setup` installs, or a Python in EIGENHAND_PYTHON that has these packages; else they are skipped.\n\n\
-    Examples:\n  cargo xtask test\n  cargo xtask test -p eigenhand-synergy pca")]
+    Examples:\n  cargo xtask test\n  cargo xtask test -p eigenhand-synergy pca"
+)]
 pub struct Args {
     /// Installs no system package [also: EIGENHAND_NO_INSTALL=1]
     #[arg(long)]

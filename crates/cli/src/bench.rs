@@ -24,9 +24,9 @@ const SECONDS: f64 = 10.0;
 /// Measures the speed of simulation, learner and training
 #[derive(clap::Args)]
 #[command(
-    after_help = "Compared alternatives run by turns, and a ratio is the median over the turns. So ratios are reliable also on a\n\
-    busy machine; rates are not. Other learners are measured too if their Python packages are installed in\n\
-    bench/peers/.venv, or for the Python that EIGENHAND_PEERS_PYTHON names.\n\n\
+    after_help = "Compared alternatives run by turns, and a ratio is the median over the turns. So ratios are reliable\n\
+    also on a busy machine; rates are not. Other learners are measured too if their Python packages are installed\n\
+    in bench/peers/.venv, or for the Python that EIGENHAND_PEERS_PYTHON names.\n\n\
     Examples:\n  eigenhand bench\n  eigenhand bench learner --seconds 30 --json"
 )]
 pub struct Args {

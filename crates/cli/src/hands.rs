@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::output::{Outcome, print, print_json, table_left};
 use crate::{program, search_path, setup};
 
-/// Lists, shows and checks hands
+/// Lists, shows, checks and makes hands
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  eigenhand hands list")]
 pub struct Args {

@@ -21,9 +21,9 @@ const COLUMNS: usize = 4;
 /// Draws a run's grasps and the components of its synergy
 #[derive(clap::Args)]
 #[command(
-    after_help = "Writes grasps.png with a successful grasp of each object, and components.png with a row for each component \
-    of the synergy: the posture at its smallest coefficient, the mean posture, and the posture at its largest \
-    coefficient. Needs no display.\n\n\
+    after_help = "Writes grasps.png with a successful grasp of each object, and components.png with a row for each\n\
+    component of the synergy: the posture at its smallest coefficient, the mean posture, and the posture at its\n\
+    largest coefficient. Needs no display.\n\n\
     Example:\n  eigenhand render runs/shadow-quick-l1-s1-1"
 )]
 pub struct Args {

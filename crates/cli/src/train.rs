@@ -36,7 +36,7 @@ Examples:
   eigenhand train --resume runs/shadow-default-l1-s1-1
   eigenhand train --hand shadow --preset quick --seed 1";
 
-/// Trains a hand to grasp and lift, and extracts its synergy
+/// Trains a hand to grasp and lift, and computes its synergy
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -89,7 +89,7 @@ pub struct SettingsArgs {
     /// Objects to grasp, separated by commas
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub objects: Option<Vec<String>>,
-    /// Configuration file
+    /// TOML file with settings; docs/configuration.md lists them
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Changes one setting, such as learner.gamma=0.95; can be given several times

@@ -36,7 +36,7 @@ impl Status {
     fn line(&self) -> String {
         let percent = |rate: Option<f64>| rate.map_or_else(|| "-".to_owned(), |r| format!("{:.0} %", 100.0 * r));
         let mut line = format!(
-            "success {} (evaluated {}), postures {}, contribution {}, {:.0} steps/s",
+            "success {} in training, {} evaluated, postures {}, contribution {}, {:.0} steps/s",
             percent(self.recent_success),
             percent(self.evaluated),
             self.postures,

@@ -55,7 +55,7 @@ impl Progressing {
         let percent = |rate: Option<f64>| rate.map_or_else(|| "-".to_owned(), |r| format!("{:.0} %", 100.0 * r));
         let Status { episodes, total, recent_success, evaluated, .. } = self.status;
         let (recent, evaluated) = (percent(recent_success), percent(evaluated));
-        format!("{} {episodes}/{total}, success {recent} (evaluated {evaluated})", self.name)
+        format!("{} {episodes}/{total}, success {recent} in training, {evaluated} evaluated", self.name)
     }
 }
 
