@@ -130,11 +130,8 @@ fn hands(plugins: &[PathBuf]) -> Finding {
     let registry = match Registry::discover(&search_path(plugins)) {
         Ok(registry) => registry,
         Err(error) => {
-            return finding(
-                false,
-                error.to_string(),
-                Some("correct or remove this entry of --plugins or EIGENHAND_PLUGINS".to_owned()),
-            );
+            let mend = "correct or remove this entry of --plugins or EIGENHAND_PLUGINS".to_owned();
+            return finding(false, error.to_string(), Some(mend));
         }
     };
     let broken: Vec<String> = registry
@@ -151,12 +148,9 @@ fn hands(plugins: &[PathBuf]) -> Finding {
     let mut detail = sound.join(", ");
     if !broken.is_empty() {
         detail =
-            format!("{}\nbroken: {}", if sound.is_empty() { "no hand is usable" } else { &detail }, broken.join("\n"));
-        return finding(
-            false,
-            detail,
-            Some("correct the file in the message, or move the hand's directory away".to_owned()),
-        );
+            format!("{}\nbroken: {}", if sound.is_empty() { "none is usable" } else { &detail }, broken.join("\n"));
+        let mend = "correct the file in the message, or move the hand's directory away".to_owned();
+        return finding(false, detail, Some(mend));
     }
     finding(true, detail, None)
 }

@@ -173,10 +173,8 @@ fn changed_config(directory: &Path, changes: &[String]) -> Result<RunConfig, Con
         let key = change.split('=').next().unwrap_or_default().trim();
         if !SCENE_KEYS.iter().any(|known| key == *known || (known.ends_with('.') && key.starts_with(known))) {
             let origin = format!("--set {change}");
-            let reason = format!(
-                "an evaluation can change only these settings: {}",
-                SCENE_KEYS.join(", ").replace("physics.", "physics.*")
-            );
+            let keys = SCENE_KEYS.join(", ").replace("physics.", "physics.*");
+            let reason = format!("an evaluation can change only these settings: {keys}");
             return Err(ConfigError::Value { origin, reason });
         }
     }

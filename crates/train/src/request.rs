@@ -155,10 +155,7 @@ impl Launch {
         if plan.episodes < plan.episodes_done {
             return Err(TrainError::Option {
                 option: format!("--episodes {}", plan.episodes),
-                reason: format!(
-                    "the run has trained {} episodes already; expected a larger number",
-                    plan.episodes_done
-                ),
+                reason: format!("the run has trained {} episodes already; give a larger number", plan.episodes_done),
             });
         }
         if request.episodes.is_some() || request.tensorboard.is_some() {

@@ -63,7 +63,7 @@ impl Layers {
             Some(key) => Err(ConfigError::Value {
                 origin,
                 reason: format!(
-                    "{key} is absent: another version of this program wrote the file; use that version, or start a new run"
+                    "{key} is absent: another version wrote this file; use that version, or start a new run"
                 ),
             }),
             None => Ok(layers),

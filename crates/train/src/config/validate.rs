@@ -52,12 +52,8 @@ impl RunConfig {
         share("training.final_noise", t.final_noise)?;
         let [from, to] = t.noise_decay;
         let rising = (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to);
-        expect(
-            rising,
-            "training.noise_decay",
-            "two numbers from 0 to 1 in ascending order",
-            format!("{:?}", t.noise_decay),
-        )
+        let expected = "two numbers from 0 to 1 in ascending order";
+        expect(rising, "training.noise_decay", expected, format!("{:?}", t.noise_decay))
     }
 
     fn validate_evaluation(&self) -> Outcome {
