@@ -100,7 +100,8 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<Picture>, Vec<String>)> {
     Ok((drawn, missing))
 }
 
-/// Returns a row of postures for each of the first components: at its smallest coefficient, the mean, and at its largest.
+/// Returns a row of postures for each of the first components: at its smallest coefficient, the mean, and at its
+/// largest.
 fn sweep(synergy: &Synergy, components: usize) -> Vec<Vec<Vec<f64>>> {
     let ranges = synergy.coefficient_min().iter().zip(synergy.coefficient_max()).enumerate();
     let row = |(i, (low, high)): (usize, (&f64, &f64))| -> Vec<Vec<f64>> {

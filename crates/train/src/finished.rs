@@ -98,8 +98,8 @@ impl FinishedRun {
         })
     }
 
-    /// Runs episodes of the policy in a scene until one succeeds, at most `tries`, and returns the environment at the end of
-    /// this episode; none if no episode succeeded.
+    /// Runs episodes of the policy in a scene until one succeeds, at most `tries`, and returns the environment at the
+    /// end of this episode; none if no episode succeeded.
     ///
     /// # Errors
     /// [`TrainError::Sim`].
