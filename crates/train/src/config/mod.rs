@@ -163,7 +163,7 @@ pub struct EvaluationConfig {
     pub episodes: u64,
     /// Episodes of the final evaluation; no other evaluation uses the same episodes.
     pub final_episodes: u64,
-    /// Actor networks that act: online, target or average.
+    /// Actor that is evaluated and exported: online, target or average.
     pub actor: ActorChoice,
     /// Number of policies with the best evaluations. They are compared again at the end, and the best becomes the
     /// result. With 0, the last policy becomes the result.
