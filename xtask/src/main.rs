@@ -76,6 +76,8 @@ mod tests {
             for argument in inner.get_arguments() {
                 let (help, required) = (argument.get_help(), argument.is_required_set());
                 let help = help.map(ToString::to_string).unwrap_or_default();
+                // A text that names the program names each by its own name.
+                let help = help.replace(NAME, "eigenhand");
                 found.insert(format!("{place} {argument} (required: {required}): {help}"));
             }
             options(inner, &place, found);
