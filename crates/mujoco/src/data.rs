@@ -143,12 +143,6 @@ impl Data {
         unsafe { slice_of(self.get().qvel, self.model.nv() as i32) }
     }
 
-    /// Returns the generalised velocities for writing.
-    pub fn qvel_mut(&mut self) -> &mut [f64] {
-        // SAFETY: qvel holds nv numbers, and `&mut self` excludes other views.
-        unsafe { slice_of_mut(self.get().qvel, self.model.nv()) }
-    }
-
     /// Returns the controls.
     pub fn ctrl(&self) -> &[f64] {
         // SAFETY: ctrl holds nu numbers.

@@ -22,3 +22,10 @@ pub struct Assignment {
     /// Its directory.
     pub run: RunDirectory,
 }
+
+impl Assignment {
+    /// Returns the lengths of an observation, a goal and an action.
+    pub(crate) fn dimensions(&self) -> [usize; 3] {
+        [self.task.observation_len(), GraspTask::GOAL_LEN, self.task.action_len()]
+    }
+}

@@ -7,6 +7,7 @@ use eigenhand_rl::UpdateStats;
 use serde::{Deserialize, Serialize};
 
 use crate::config::HELD_WINDOW;
+use crate::progress::Status;
 use crate::rollout::Episode;
 
 /// Number of noise-free training episodes that the recent success rate covers.
@@ -82,6 +83,20 @@ impl Counters {
     /// Returns the mean of `held_steps`; 0 before the first episode.
     pub fn mean_held_steps(&self) -> f64 {
         self.held_steps.iter().sum::<u64>() as f64 / self.held_steps.len().max(1) as f64
+    }
+
+    /// Returns the state of a run of `total` episodes, as progress shows it.
+    pub fn status(&self, total: u64, contribution_sum: Option<f64>, steps_per_s: f64) -> Status {
+        Status {
+            episodes: self.episodes,
+            total,
+            recent_success: self.recent_success(),
+            evaluated: self.last_evaluation,
+            postures: self.postures,
+            contribution_sum,
+            steps_per_s,
+            diverged: self.diverged,
+        }
     }
 
     /// Returns the success rate of the last noise-free training episodes; none before the first of them.

@@ -181,10 +181,12 @@ impl Launch {
         let outcome = self.trainer.run(stop, &mut Logged::new(&self.plan.run, progress));
         match &outcome {
             Ok(summary) => tracing::info!(
-                "stopped by {}: {} episodes, success {:?}, {} postures, {} diverged, {} full buffers",
+                "stopped by {}: {} episodes, success {}, {} postures, {} diverged, {} full buffers",
                 summary.stopped_by.name(),
                 summary.episodes,
-                summary.success_rate,
+                summary
+                    .success_rate
+                    .map_or_else(|| "not evaluated".to_owned(), |rate| format!("{:.1} %", 100.0 * rate)),
                 summary.n_postures,
                 summary.diverged_episodes,
                 summary.buffer_warnings

@@ -1,5 +1,7 @@
 //! Schedules of training: learning rates, exploration noise, and which episodes are scripted grasps.
 
+use eigenhand_rl::DdpgConfig;
+
 use crate::config::TrainingConfig;
 
 impl TrainingConfig {
@@ -8,6 +10,12 @@ impl TrainingConfig {
     /// After warm-up, every other episode is a scripted grasp while objects are seldom held.
     pub fn attempts(&self, episode: u64, held_steps: f64) -> bool {
         episode >= self.warmup_episodes && held_steps < self.least_held_steps && episode % 2 == 1
+    }
+
+    /// (share of training that is done, settings of the learner) => the learning rates of actor and critic
+    pub fn learning_rates(&self, done: f64, learner: &DdpgConfig) -> [f32; 2] {
+        let factor = self.learning_rate_factor(done) as f32;
+        [learner.actor_lr, learner.critic_lr].map(|rate| factor * rate)
     }
 
     /// (share of training that is done) => the factor on the learning rates

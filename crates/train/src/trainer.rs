@@ -57,14 +57,10 @@ impl Trainer {
     /// # Errors
     /// The first fault of the configuration, the hand or the directory.
     pub fn create(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, task, run, .. } = &assignment;
-        let learner = Ddpg::new(
-            config.learner.clone(),
-            task.observation_len(),
-            GraspTask::GOAL_LEN,
-            task.action_len(),
-            &mut rng::stream(config.seed, "init", 0),
-        )?;
+        let Assignment { config, run, .. } = &assignment;
+        let [obs_dim, goal_dim, act_dim] = assignment.dimensions();
+        let mut random = rng::stream(config.seed, "init", 0);
+        let learner = Ddpg::new(config.learner.clone(), obs_dim, goal_dim, act_dim, &mut random)?;
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
         Trainer::assemble(assignment, learner, checkpoints, Counters::default())
     }
@@ -74,17 +70,12 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Damaged`] for a damaged file of the checkpoint, and the errors of [`create`](Self::create).
     pub fn resume(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, task, run, .. } = &assignment;
+        let Assignment { config, run, .. } = &assignment;
+        let [obs_dim, goal_dim, act_dim] = assignment.dimensions();
         let (checkpoints, restored) =
             Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let Restored { counters, learner, finalists, episodes } = restored;
-        let learner = Ddpg::from_tensors(
-            config.learner.clone(),
-            task.observation_len(),
-            GraspTask::GOAL_LEN,
-            task.action_len(),
-            &learner,
-        )?;
+        let learner = Ddpg::from_tensors(config.learner.clone(), obs_dim, goal_dim, act_dim, &learner)?;
         let mut trainer = Trainer::assemble(assignment, learner, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
@@ -241,8 +232,7 @@ impl Trainer {
         if self.counters.episodes < config.training.warmup_episodes || self.replay.is_empty() {
             return Ok(());
         }
-        let factor = config.training.learning_rate_factor(self.done(self.counters.episodes)) as f32;
-        let rates = [config.learner.actor_lr, config.learner.critic_lr].map(|rate| factor * rate);
+        let rates = config.training.learning_rates(self.done(self.counters.episodes), &config.learner);
         self.learner.set_learning_rates(rates[0], rates[1]);
         let Self { learning, learner, replay, batch, reward, counters, .. } = self;
         learning.install(|| {
@@ -284,16 +274,8 @@ impl Trainer {
     }
 
     fn status(&self, steps_per_s: f64) -> Status {
-        Status {
-            episodes: self.counters.episodes,
-            total: self.assignment.config.episodes,
-            recent_success: self.counters.recent_success(),
-            evaluated: self.counters.last_evaluation,
-            postures: self.counters.postures,
-            contribution_sum: self.reward.feedback.synergy().map(Synergy::contribution_sum),
-            steps_per_s,
-            diverged: self.counters.diverged,
-        }
+        let contribution_sum = self.reward.feedback.synergy().map(Synergy::contribution_sum);
+        self.counters.status(self.assignment.config.episodes, contribution_sum, steps_per_s)
     }
 
     fn save(&mut self) -> Result<(), TrainError> {
