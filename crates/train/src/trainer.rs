@@ -52,7 +52,7 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Prepares a new run in a directory that [`RunDirectory::create`] made.
+    /// Prepares a new run in a directory that [`RunDirectory::create`](crate::RunDirectory::create) made.
     ///
     /// # Errors
     /// The first fault of the configuration, the hand or the directory.
