@@ -7,12 +7,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use eigenhand_bench::{AllocationCounts, BenchError, BenchSetting, allocations};
+use eigenhand_bench::{AllocationCounts, BenchSetting, allocations};
 use eigenhand_hands::SearchPath;
 
 fn main() -> ExitCode {
-    let found = count().map_err(|error| error.to_string());
-    match found.and_then(|counts| serde_json::to_string(&counts).map_err(|error| error.to_string())) {
+    match count().and_then(|counts| serde_json::to_string(&counts).map_err(|error| error.to_string())) {
         Ok(text) => {
             println!("{text}");
             ExitCode::SUCCESS
@@ -24,7 +23,7 @@ fn main() -> ExitCode {
     }
 }
 
-fn count() -> Result<AllocationCounts, BenchError> {
+fn count() -> Result<AllocationCounts, String> {
     let (mut hand, mut plugins) = (None, Vec::new());
     let mut arguments = std::env::args().skip(1);
     // Cargo adds arguments of its own; they are ignored.
@@ -35,8 +34,6 @@ fn count() -> Result<AllocationCounts, BenchError> {
             _ => {}
         }
     }
-    let hands = SearchPath::from_environment(&plugins);
-    allocations(&BenchSetting { hand, hands, duration: Duration::ZERO }, &|work| {
-        allocation_counter::measure(work).count_total
-    })
+    let setting = BenchSetting { hand, hands: SearchPath::from_environment(&plugins), duration: Duration::ZERO };
+    allocations(&setting, &|work| allocation_counter::measure(work).count_total).map_err(|error| error.to_string())
 }
