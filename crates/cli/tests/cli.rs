@@ -42,6 +42,7 @@ fn workspace() -> PathBuf {
 fn eigenhand() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_eigenhand"));
     command.current_dir(workspace()).env_remove("EIGENHAND_PLUGINS").env("EIGENHAND_NO_INSTALL", "1");
+    command.env("XDG_CACHE_HOME", Path::new(env!("CARGO_TARGET_TMPDIR")).join("cache"));
     command
 }
 

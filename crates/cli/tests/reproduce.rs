@@ -43,6 +43,7 @@ impl Place {
     fn eigenhand(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_eigenhand"));
         command.args(arguments).current_dir(self.root.path()).env("EIGENHAND_NO_INSTALL", "1").stdin(Stdio::null());
+        command.env("XDG_CACHE_HOME", self.path("cache"));
         command
     }
 

@@ -46,13 +46,25 @@ pub struct UpdateStats {
     pub action_square_mean: f32,
 }
 
+/// Factor between the largest absolute value that a clipped target can have and values that no critic learns from such
+/// targets.
+const ABSURD: f32 = 10.0;
+
 impl UpdateStats {
-    /// Returns whether every number is finite. If one is not, learning has diverged.
+    /// Returns whether every number is finite.
     pub fn is_finite(&self) -> bool {
         let Self { critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean } = *self;
         [critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean]
             .into_iter()
             .all(f32::is_finite)
+    }
+
+    /// Returns whether learning has diverged: a number is not finite, or the critic's values are far beyond every value
+    /// that a clipped target can have. With layer normalisation values can be absurd and yet stay finite.
+    pub fn has_diverged(&self, config: &DdpgConfig) -> bool {
+        let most = ABSURD * config.least_target().abs();
+        let absurd = self.q_mean.abs() > most || self.critic_loss > most * most;
+        !self.is_finite() || (config.clip_targets && absurd)
     }
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use eigenhand_files::FileError;
 use eigenhand_hands::HandError;
 use eigenhand_mujoco::MuJoCoError;
-use eigenhand_rl::{RlError, UpdateStats};
+use eigenhand_rl::{DdpgConfig, RlError, UpdateStats};
 use eigenhand_sim::SimError;
 use eigenhand_synergy::SynergyError;
 
@@ -45,7 +45,7 @@ pub enum TrainError {
         #[source]
         source: std::io::Error,
     },
-    /// The learner's numbers are no longer finite.
+    /// The learner's numbers are not finite, or absurd.
     #[error(
         "the learner diverged at update {update}: critic loss {critic_loss}, actor loss {actor_loss}, mean value {q_mean}\n\
          the run's last checkpoint was written before this update. Start a new run with smaller learning rates, such as \
@@ -153,15 +153,15 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// (number of the update, its statistics, learning rates of actor and critic) => the error of a diverged learner
-    pub(crate) fn diverged(update: u64, stats: &UpdateStats, [actor_lr, critic_lr]: [f32; 2]) -> TrainError {
+    /// (number of the update, its statistics, settings of the learner) => the error of a diverged learner
+    pub(crate) fn diverged(update: u64, stats: &UpdateStats, learner: &DdpgConfig) -> TrainError {
         TrainError::LearnerDiverged {
             update,
             critic_loss: stats.critic_loss,
             actor_loss: stats.actor_loss,
             q_mean: stats.q_mean,
-            suggested_actor_lr: actor_lr / SMALLER,
-            suggested_critic_lr: critic_lr / SMALLER,
+            suggested_actor_lr: learner.actor_lr / SMALLER,
+            suggested_critic_lr: learner.critic_lr / SMALLER,
         }
     }
 

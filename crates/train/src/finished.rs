@@ -19,6 +19,7 @@ use crate::products::{POLICY, POLICY_TEXT, Products, write_products};
 use crate::provenance::Provenance;
 use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
+use crate::summary::Summary;
 use crate::task::task_of;
 
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
@@ -154,7 +155,7 @@ impl FinishedRun {
             config: &self.config,
             provenance: &self.provenance,
             policy: &self.policy,
-            policy_episode: None,
+            policy_episode: Summary::read(&self.directory)?.map(|summary| summary.policy_episode),
             synergy: synergy.as_ref(),
             postures: &postures,
         };

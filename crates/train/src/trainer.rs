@@ -242,8 +242,8 @@ impl Trainer {
                 sample_batch(replay, &config.her, &mut random, reward, batch)?;
                 let stats = learner.update(batch);
                 counters.updates += 1;
-                if !stats.is_finite() {
-                    return Err(TrainError::diverged(counters.updates, &stats, rates));
+                if stats.has_diverged(&config.learner) {
+                    return Err(TrainError::diverged(counters.updates, &stats, &config.learner));
                 }
                 counters.sums.add(&stats);
             }
