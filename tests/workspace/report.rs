@@ -141,8 +141,8 @@ fn what_is_wrong_with_the_runs_is_said() {
     assert!(mixed.is_usage() && mixed.to_string().contains("gripper") && mixed.to_string().contains("claw"), "{mixed}");
 
     for (content, part) in [
-        ("", "no evaluation is in it"),
-        ("episode,success_rate\n", "no evaluation is in it"),
+        ("", "this file holds no evaluation"),
+        ("episode,success_rate\n", "this file holds no evaluation"),
         ("episode,success_rate\n8,many\n", "line 2: success_rate is \"many\""),
         ("\u{0}\u{1}\n", "line 1"),
     ] {

@@ -94,12 +94,13 @@ fn a_process_that_fails_is_shown_with_its_last_words_and_the_others_go_on() {
     let place = Place::new();
     let reproduction = place.prepare(&[1]);
     let mut display = Display::default();
-    let script = "echo episode 3/24, 0:10 left: success 5 % \\(evaluated -\\)...; echo $0 is out of luck >&2; exit 3";
+    let script = "echo episode 3 of 24; echo error: $0 is out of luck >&2; echo so much for it >&2; exit 3";
     let endings = train(&reproduction, 1, &AtomicUsize::new(0), &shell(script), &mut display).unwrap();
     for (ending, name) in endings.iter().zip(["l0-s1", "l1-s1"]) {
         let Ending::Failed { status, lines } = ending else { panic!("{ending:?}") };
         assert!(status.contains('3'), "{status}");
-        assert_eq!(*lines, [format!("{name} is out of luck")], "progress is left out");
+        let error = format!("error: {name} is out of luck");
+        assert_eq!(*lines, [error.as_str(), "so much for it"], "what was printed before the error is left out");
     }
     assert!(display.notes.iter().any(|note| note.contains("l1-s1 failed") && note.contains("out of luck")));
 
