@@ -9,13 +9,13 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
-use crate::{GraspEnv, GraspTask, Object, ObjectScene, Setting, SimError};
-use eigenhand_mujoco::{Data, GeomId, Model, MuJoCo};
+use crate::{GraspEnv, GraspTask, ObjectScene, Setting, SimError};
+use eigenhand_mujoco::{GeomId, Model, MuJoCo};
+
+mod random_episodes;
 
 /// Random episodes with each object.
 const EPISODES_PER_OBJECT: usize = 3;
-/// Number of control steps that a random command is held, so that the hand has time to move.
-const HOLD_STEPS: usize = 8;
 /// Time in s that an actuator has to move its joints.
 const DRIVE_TIME: f64 = 1.0;
 /// Duration in s of the noise: new random commands at every control step.
@@ -24,10 +24,6 @@ const NOISE_TIME: f64 = 1.0;
 const LEAST_MOVEMENT: f64 = 0.1;
 /// Range in rad or m that is assumed for a joint without limits.
 const UNLIMITED_RANGE: f64 = 1.0;
-/// An entry of the observation that varies by less than this, in its own unit, is constant.
-const LEAST_VARIATION: f32 = 1e-6;
-/// Entry of the observation that is constant if there is only one object.
-const OBJECT_ID: &str = "object:id";
 /// Name of the first condition.
 const COMPILES: &str = "compiles";
 /// Seed of the random episodes, so that the contract always gives the same answer for the same hand.
@@ -88,7 +84,7 @@ pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractR
     report.add("actuators move their joints", actuators_move(hand, &task));
     report.add("noise raises no warning", noise_is_quiet(&task));
     report.add("deterministic", is_deterministic(&task));
-    match explore(hand, &task) {
+    match random_episodes::run(hand, &task) {
         Ok(found) => {
             report.add("observations are finite", found.finite());
             report.add("observations vary", found.varied(&task));
@@ -308,128 +304,5 @@ fn is_deterministic(task: &Arc<GraspTask>) -> Finding {
             task.observation_layout()[at % task.observation_len()].name
         )),
         None => Ok(format!("two simulations with the same seed agree to the last bit for {} steps", task.config.steps)),
-    }
-}
-
-/// Results of random episodes with held commands.
-struct Exploration {
-    episodes: usize,
-    steps: usize,
-    lowest: Vec<f32>,
-    highest: Vec<f32>,
-    /// Name of the first entry that was not finite.
-    not_finite: Option<String>,
-    /// Lowest height in m of a fingertip, and its name.
-    lowest_tip: Option<(f64, String)>,
-    /// Episodes in which the hand touched the object.
-    touched: usize,
-}
-
-fn explore(hand: &Hand, task: &Arc<GraspTask>) -> Result<Exploration, SimError> {
-    let n = task.observation_len();
-    let mut found = Exploration {
-        episodes: 0,
-        steps: 0,
-        lowest: vec![f32::INFINITY; n],
-        highest: vec![f32::NEG_INFINITY; n],
-        not_finite: None,
-        lowest_tip: None,
-        touched: 0,
-    };
-    let layout = task.observation_layout();
-    let mut env = GraspEnv::new(task)?;
-    let mut random = ChaCha8Rng::seed_from_u64(SEED + 1);
-    let mut observation = vec![0.0; n];
-    let mut action = vec![0.0; task.action_len()];
-    for (scene, _) in task.scenes.iter().enumerate() {
-        for _ in 0..EPISODES_PER_OBJECT {
-            env.reset(scene, &mut random)?;
-            found.episodes += 1;
-            let mut touched = false;
-            for step in 0..task.config.steps {
-                if step % HOLD_STEPS == 0 {
-                    action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
-                }
-                touched |= env.step(&action)?.touches_hand;
-                env.observe(&mut observation);
-                found.steps += 1;
-                for (i, &value) in observation.iter().enumerate() {
-                    found.lowest[i] = found.lowest[i].min(value);
-                    found.highest[i] = found.highest[i].max(value);
-                    if !value.is_finite() {
-                        found.not_finite.get_or_insert_with(|| layout[i].name.clone());
-                    }
-                }
-                found.see_tips(hand, env.simulation())?;
-            }
-            found.touched += usize::from(touched);
-        }
-    }
-    Ok(found)
-}
-
-impl Exploration {
-    fn see_tips(&mut self, hand: &Hand, data: &Data) -> Result<(), SimError> {
-        let model = data.model();
-        for tip in &hand.fingertips {
-            let height = match tip.kind {
-                FrameKind::Body => data.body_position(model.body(&tip.name)?).z,
-                FrameKind::Site => data.site_position(model.site(&tip.name)?).z,
-            };
-            if self.lowest_tip.as_ref().is_none_or(|(lowest, _)| height < *lowest) {
-                self.lowest_tip = Some((height, tip.name.clone()));
-            }
-        }
-        Ok(())
-    }
-
-    fn finite(&self) -> Finding {
-        match &self.not_finite {
-            Some(name) => Err(format!("{name} is not finite in at least one of {} random episodes", self.episodes)),
-            None => Ok(format!("{} numbers at each of {} steps", self.lowest.len(), self.steps)),
-        }
-    }
-
-    fn varied(&self, task: &GraspTask) -> Finding {
-        let constant: Vec<String> = task
-            .observation_layout()
-            .into_iter()
-            .zip(self.lowest.iter().zip(&self.highest))
-            .filter(|(_, (low, high))| *high - *low < LEAST_VARIATION)
-            .map(|(entry, _)| entry.name)
-            // With one object, its id is the same in every episode.
-            .filter(|name| task.scenes.len() > 1 || name != OBJECT_ID)
-            .collect();
-        if constant.is_empty() {
-            Ok(format!("no constant entry in {} random episodes", self.episodes))
-        } else {
-            Err(format!(
-                "constant in {} random episodes: {}; leave joints that cannot move out of posture_joints",
-                self.episodes,
-                constant.join(", ")
-            ))
-        }
-    }
-
-    fn reach(&self, task: &GraspTask) -> Finding {
-        let top = |object: &Object| 2.0 * object.shape.depth_below_centre(&nalgebra::UnitQuaternion::identity());
-        let shortest = task.scenes.iter().map(|scene| top(&scene.object)).fold(f64::INFINITY, f64::min);
-        let Some((height, tip)) = &self.lowest_tip else {
-            return Err("the hand names no fingertip: list its fingertips in hand.toml".to_owned());
-        };
-        let advice = "lower mount.position or slide.range, or move the mount above the object";
-        if *height > shortest {
-            return Err(format!(
-                "the lowest fingertip ({tip}) comes down to {height:.3} m, but the shortest object is {shortest:.3} m \
-                 tall: {advice}"
-            ));
-        }
-        if self.touched == 0 {
-            return Err(format!("no object was touched in {} random episodes: {advice}", self.episodes));
-        }
-        Ok(format!(
-            "fingertip {tip} comes down to {height:.3} m; {} of {} random episodes touch the object",
-            self.touched, self.episodes
-        ))
     }
 }

@@ -7,7 +7,8 @@ use rand::{Rng, RngExt};
 
 use crate::SimError;
 use crate::reward::StepFacts;
-use crate::task::{Addresses, GraspTask, Orientation};
+use crate::setting::Orientation;
+use crate::task::{Addresses, GraspTask};
 use eigenhand_mujoco::{Data, WarningCounts};
 
 /// Height in m from which an object is dropped, so that it does not start inside the plane.

@@ -8,6 +8,7 @@ mod objects;
 mod physics;
 mod reward;
 pub mod scene;
+mod setting;
 mod task;
 
 pub use env::GraspEnv;
@@ -15,4 +16,5 @@ pub use error::SimError;
 pub use objects::{Object, Shape};
 pub use physics::{Cone, PhysicsConfig};
 pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};
-pub use task::{GraspTask, ObjectScene, ObservationEntry, Orientation, Setting, TaskConfig};
+pub use setting::{Orientation, Setting, TaskConfig};
+pub use task::{GraspTask, ObjectScene, ObservationEntry};

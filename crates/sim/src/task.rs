@@ -4,96 +4,15 @@ use std::sync::Arc;
 
 use eigenhand_hands::{Hand, JointInfo, Unit};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::SimError;
 use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
+use crate::setting::{Setting, TaskConfig};
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
-
-/// Orientation of an object when it is dropped.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Orientation {
-    /// Uniform over all rotations.
-    Any,
-    /// Upright, turned about the vertical.
-    Yaw,
-}
-
-/// Settings of an episode.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct TaskConfig {
-    /// Control steps of an episode (paper, section 3.1).
-    pub steps: usize,
-    /// Number of last steps that must all succeed for the episode to succeed (the authors' code).
-    pub final_steps: usize,
-    /// Lowest and highest goal above the resting object, in m.
-    pub goal_height: [f64; 2],
-    /// Half width in m of the square in which the object is placed; its centre is below the hand.
-    pub object_range: f64,
-    /// Orientation of the object when it is dropped.
-    pub orientation: Orientation,
-    /// Time in s that a dropped object has to come to rest.
-    pub settle_time: f64,
-    /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`].
-    pub observe_shape: bool,
-}
-
-impl TaskConfig {
-    /// Checks every setting.
-    ///
-    /// # Errors
-    /// [`SimError::Setting`] names the first key that is out of range.
-    pub fn validate(&self) -> Result<(), SimError> {
-        let check = |name, good: bool, expected, got: String| {
-            if good { Ok(()) } else { Err(SimError::Setting { name, expected, got }) }
-        };
-        let heights = "two heights in m, the lower first, from 0 to 1";
-        let ordered = |h: [f64; 2]| 0.0 <= h[0] && h[0] <= h[1] && h[1] <= 1.0;
-        check("task.goal_height", ordered(self.goal_height), heights, format!("{:?}", self.goal_height))?;
-        check(
-            "task.steps",
-            (2..=10_000).contains(&self.steps),
-            "a whole number from 2 to 10000",
-            self.steps.to_string(),
-        )?;
-        check(
-            "task.final_steps",
-            (1..=self.steps).contains(&self.final_steps),
-            "a whole number from 1 to task.steps",
-            self.final_steps.to_string(),
-        )?;
-        check(
-            "task.object_range",
-            (0.0..=0.5).contains(&self.object_range),
-            "a length from 0 to 0.5 m",
-            self.object_range.to_string(),
-        )?;
-        check(
-            "task.settle_time",
-            (0.0..=5.0).contains(&self.settle_time),
-            "a time from 0 to 5 s",
-            self.settle_time.to_string(),
-        )
-    }
-}
-
-/// Everything that determines a grasp task, except its hand.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Setting {
-    /// Names of the objects.
-    pub objects: Vec<String>,
-    /// Settings of an episode.
-    pub task: TaskConfig,
-    /// Settings of the simulation.
-    pub physics: PhysicsConfig,
-    /// Settings of success.
-    pub reward: RewardConfig,
-}
 
 /// One entry of the observation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]

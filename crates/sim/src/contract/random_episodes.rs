@@ -1,0 +1,142 @@
+//! Random episodes: what the hand reaches, and what the observation shows of it.
+
+use std::sync::Arc;
+
+use eigenhand_hands::{FrameKind, Hand};
+use eigenhand_mujoco::Data;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use super::{EPISODES_PER_OBJECT, Finding, SEED};
+use crate::{GraspEnv, GraspTask, Object, SimError};
+
+/// Number of control steps that a random command is held, so that the hand has time to move.
+const HOLD_STEPS: usize = 8;
+/// An entry of the observation that varies by less than this, in its own unit, is constant.
+const LEAST_VARIATION: f32 = 1e-6;
+/// Entry of the observation that is constant if there is only one object.
+const OBJECT_ID: &str = "object:id";
+
+/// Results of random episodes with held commands.
+pub(super) struct RandomEpisodes {
+    episodes: usize,
+    steps: usize,
+    lowest: Vec<f32>,
+    highest: Vec<f32>,
+    /// Name of the first entry that was not finite.
+    not_finite: Option<String>,
+    /// Lowest height in m of a fingertip, and its name.
+    lowest_tip: Option<(f64, String)>,
+    /// Episodes in which the hand touched the object.
+    touched: usize,
+}
+
+/// Runs random episodes with each object.
+pub(super) fn run(hand: &Hand, task: &Arc<GraspTask>) -> Result<RandomEpisodes, SimError> {
+    let n = task.observation_len();
+    let mut found = RandomEpisodes {
+        episodes: 0,
+        steps: 0,
+        lowest: vec![f32::INFINITY; n],
+        highest: vec![f32::NEG_INFINITY; n],
+        not_finite: None,
+        lowest_tip: None,
+        touched: 0,
+    };
+    let layout = task.observation_layout();
+    let mut env = GraspEnv::new(task)?;
+    let mut random = ChaCha8Rng::seed_from_u64(SEED + 1);
+    let mut observation = vec![0.0; n];
+    let mut action = vec![0.0; task.action_len()];
+    for (scene, _) in task.scenes.iter().enumerate() {
+        for _ in 0..EPISODES_PER_OBJECT {
+            env.reset(scene, &mut random)?;
+            found.episodes += 1;
+            let mut touched = false;
+            for step in 0..task.config.steps {
+                if step % HOLD_STEPS == 0 {
+                    action.iter_mut().for_each(|a| *a = random.random_range(-1.0..=1.0));
+                }
+                touched |= env.step(&action)?.touches_hand;
+                env.observe(&mut observation);
+                found.steps += 1;
+                for (i, &value) in observation.iter().enumerate() {
+                    found.lowest[i] = found.lowest[i].min(value);
+                    found.highest[i] = found.highest[i].max(value);
+                    if !value.is_finite() {
+                        found.not_finite.get_or_insert_with(|| layout[i].name.clone());
+                    }
+                }
+                found.see_tips(hand, env.simulation())?;
+            }
+            found.touched += usize::from(touched);
+        }
+    }
+    Ok(found)
+}
+
+impl RandomEpisodes {
+    fn see_tips(&mut self, hand: &Hand, data: &Data) -> Result<(), SimError> {
+        let model = data.model();
+        for tip in &hand.fingertips {
+            let height = match tip.kind {
+                FrameKind::Body => data.body_position(model.body(&tip.name)?).z,
+                FrameKind::Site => data.site_position(model.site(&tip.name)?).z,
+            };
+            if self.lowest_tip.as_ref().is_none_or(|(lowest, _)| height < *lowest) {
+                self.lowest_tip = Some((height, tip.name.clone()));
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn finite(&self) -> Finding {
+        match &self.not_finite {
+            Some(name) => Err(format!("{name} is not finite in at least one of {} random episodes", self.episodes)),
+            None => Ok(format!("{} numbers at each of {} steps", self.lowest.len(), self.steps)),
+        }
+    }
+
+    pub(super) fn varied(&self, task: &GraspTask) -> Finding {
+        let constant: Vec<String> = task
+            .observation_layout()
+            .into_iter()
+            .zip(self.lowest.iter().zip(&self.highest))
+            .filter(|(_, (low, high))| *high - *low < LEAST_VARIATION)
+            .map(|(entry, _)| entry.name)
+            // With one object, its id is the same in every episode.
+            .filter(|name| task.scenes.len() > 1 || name != OBJECT_ID)
+            .collect();
+        if constant.is_empty() {
+            Ok(format!("no constant entry in {} random episodes", self.episodes))
+        } else {
+            Err(format!(
+                "constant in {} random episodes: {}; leave joints that cannot move out of posture_joints",
+                self.episodes,
+                constant.join(", ")
+            ))
+        }
+    }
+
+    pub(super) fn reach(&self, task: &GraspTask) -> Finding {
+        let top = |object: &Object| 2.0 * object.shape.depth_below_centre(&nalgebra::UnitQuaternion::identity());
+        let shortest = task.scenes.iter().map(|scene| top(&scene.object)).fold(f64::INFINITY, f64::min);
+        let Some((height, tip)) = &self.lowest_tip else {
+            return Err("the hand names no fingertip: list its fingertips in hand.toml".to_owned());
+        };
+        let advice = "lower mount.position or slide.range, or move the mount above the object";
+        if *height > shortest {
+            return Err(format!(
+                "the lowest fingertip ({tip}) comes down to {height:.3} m, but the shortest object is {shortest:.3} m \
+                 tall: {advice}"
+            ));
+        }
+        if self.touched == 0 {
+            return Err(format!("no object was touched in {} random episodes: {advice}", self.episodes));
+        }
+        Ok(format!(
+            "fingertip {tip} comes down to {height:.3} m; {} of {} random episodes touch the object",
+            self.touched, self.episodes
+        ))
+    }
+}
