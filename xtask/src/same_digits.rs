@@ -18,8 +18,8 @@ const POLL: Duration = Duration::from_secs(1);
 #[derive(clap::Args)]
 #[command(
     after_help = "Trains the shadow hand with the defaults, seed 1, until the evaluation at --episodes, and compares\n\
-    metrics.csv with that of the other version, column by column, without the wall time. It names columns that only\n\
-    one version has. Exit status 1 if a digit or a column differs.\n\n\
+    metrics.csv with that of the other version, column by column, without the wall time. It names columns and\n\
+    evaluations that only one version has. Exit status 1 if anything differs.\n\n\
     Examples:\n  cargo xtask same-digits --metrics before/metrics.csv\n  \
     cargo xtask same-digits --program ../before/target/release/xtask"
 )]
@@ -102,22 +102,31 @@ impl Table {
     fn row(&self, episode: u64) -> Option<&Vec<String>> {
         self.rows.iter().find(|row| row.first().is_some_and(|first| *first == episode.to_string()))
     }
+
+    /// Lists the episodes of the evaluations up to one.
+    fn episodes(&self, last: u64) -> impl Iterator<Item = u64> {
+        self.rows.iter().filter_map(|row| row.first()?.parse().ok()).filter(move |episode| *episode <= last)
+    }
 }
 
 /// Lists the differences of two tables up to an episode, one line each.
 fn compare(before: &Table, after: &Table, episodes: u64) -> anyhow::Result<Vec<String>> {
+    if before.row(episodes).is_none() {
+        bail!(
+            "the other version has no evaluation at episode {episodes}; choose one of its evaluations with --episodes"
+        );
+    }
     let mut found = Vec::new();
     let only = |a: &Table, b: &Table, side: &str| -> Vec<String> {
-        let missing = a.columns.iter().filter(|column| !b.columns.contains(column));
-        missing.map(|column| format!("{column} is only in the {side} version\n")).collect()
+        let columns = a.columns.iter().filter(|column| !b.columns.contains(column)).cloned();
+        let rows = a.episodes(episodes).filter(|episode| b.row(*episode).is_none());
+        let missing = columns.chain(rows.map(|episode| format!("the evaluation at episode {episode}")));
+        missing.map(|one| format!("{one} is only in the {side} version\n")).collect()
     };
     found.extend(only(before, after, "other"));
     found.extend(only(after, before, "present"));
-    let mut compared = 0;
-    for row in &before.rows {
-        let Some(episode) = row.first().and_then(|cell| cell.parse::<u64>().ok()) else { continue };
-        let Some(same) = after.row(episode).filter(|_| episode <= episodes) else { continue };
-        compared += 1;
+    for episode in before.episodes(episodes) {
+        let (Some(row), Some(same)) = (before.row(episode), after.row(episode)) else { continue };
         for (column, cell) in before.columns.iter().zip(row).filter(|(column, _)| *column != WALL_TIME) {
             let position = after.columns.iter().position(|other| other == column);
             let Some(other) = position.and_then(|i| same.get(i)) else { continue };
@@ -125,9 +134,6 @@ fn compare(before: &Table, after: &Table, episodes: u64) -> anyhow::Result<Vec<S
                 found.push(format!("episode {episode}, {column}: {cell} before, {other} now\n"));
             }
         }
-    }
-    if compared == 0 {
-        bail!("the two metrics.csv have no common row up to episode {episodes}");
     }
     Ok(found)
 }
@@ -150,9 +156,16 @@ mod tests {
         assert!(compare(&before, &same, 400).expect("comparable").is_empty());
         let found = compare(&before, &same, 600).expect("comparable");
         assert_eq!(found, ["episode 600, x: 1 before, 2 now\n"]);
-        let wider = table("episode,y,wall_s,x\n200,1,9,0.26\n");
+        let wider = table("episode,y,wall_s,x\n200,1,9,0.26\n300,1,9,0.5\n");
         let found = compare(&before, &wider, 400).expect("comparable");
-        assert_eq!(found, ["y is only in the present version\n", "episode 200, x: 0.25 before, 0.26 now\n"]);
-        assert!(compare(&before, &table("episode,x\n100,1\n"), 400).is_err());
+        let expected = [
+            "the evaluation at episode 400 is only in the other version\n",
+            "y is only in the present version\n",
+            "the evaluation at episode 300 is only in the present version\n",
+            "episode 200, x: 0.25 before, 0.26 now\n",
+        ];
+        assert_eq!(found, expected);
+        let message = compare(&before, &same, 500).err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(message.contains("no evaluation at episode 500"), "{message}");
     }
 }
