@@ -31,26 +31,18 @@ pub use program::{check_examples, speak_as};
 /// Exit status of a wrong command line; clap uses the same.
 const USAGE: u8 = 2;
 
-/// The commands for users.
+/// The commands for users. The documentation of each command's arguments is its `--help`.
+#[allow(missing_docs)]
 #[derive(Subcommand)]
 pub enum Command {
-    #[allow(missing_docs)]
     Train(Box<train::Args>),
-    #[allow(missing_docs)]
     Eval(eval::Args),
-    #[allow(missing_docs)]
     Reproduce(Box<reproduce::Args>),
-    #[allow(missing_docs)]
     Report(report::Args),
-    #[allow(missing_docs)]
     Export(export::Args),
-    #[allow(missing_docs)]
     Render(render::Args),
-    #[allow(missing_docs)]
     Hands(hands::Args),
-    #[allow(missing_docs)]
     Bench(bench::Args),
-    #[allow(missing_docs)]
     Doctor(doctor::Args),
 }
 

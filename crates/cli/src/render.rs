@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::bail;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_render::{Picture, grasp, postures};
 use eigenhand_synergy::Synergy;
@@ -66,6 +67,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let (Some(synergy), _) = run.synergy()? {
         let rows = sweep(&synergy, args.components as usize);
         pictures.push(("components.png", postures(&run.hand, &run.task, &rows)?));
+    }
+    if pictures.is_empty() {
+        bail!(
+            "there is nothing to draw: none of {TRIES} episodes grasped an object, and the run has no synergy; train \
+             longer, or see metrics.csv in {}",
+            args.run.display()
+        );
     }
     create_directory(&out)?;
     let mut files = Vec::new();

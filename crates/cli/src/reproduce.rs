@@ -20,8 +20,6 @@ use crate::output::Outcome;
 use crate::train::SettingsArgs;
 use crate::{program, report, setup};
 
-/// The hand of the paper's experiment.
-const HAND: &str = "shadow";
 /// Cores that one run keeps busy: one learns while another simulates.
 const CORES_PER_RUN: usize = 2;
 /// Time between two lines of progress where there is no terminal.
@@ -41,7 +39,7 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
-    /// Hand to train, by name or directory [default: shadow, or the hand in the configuration file]
+    /// Hand to train, by name or directory [default: the hand in the configuration file, or else the paper's]
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
     #[command(flatten)]
@@ -123,7 +121,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let command = |member: &Member| {
         let mut command = Command::new(&program);
         std::os::unix::process::CommandExt::arg0(&mut command, std::env::args_os().next().unwrap_or_default());
-        command.args(args.arguments(member, workers));
+        command.args(args.arguments(member, &reproduction.config.hand, workers));
         command
     };
     let endings = train(&reproduction, jobs, &stop, &command, display.as_mut())?;
@@ -145,19 +143,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 impl Args {
     fn request(&self) -> Request {
-        let settings = NewRun { hand: self.hand(), ..self.settings.new_run() };
+        let settings = NewRun { hand: self.hand.clone(), default_hand: true, ..self.settings.new_run() };
         Request { settings, lambdas: self.lambda.clone(), seeds: self.seeds.0.clone(), out: self.out.clone() }
     }
 
-    /// Returns the hand of the option; without it, the paper's hand, unless another layer can name one.
-    fn hand(&self) -> Option<String> {
-        let SettingsArgs { config, assignments, .. } = &self.settings;
-        let elsewhere = config.is_some() || assignments.iter().any(|a| a.trim_start().starts_with("hand"));
-        self.hand.clone().or_else(|| (!elsewhere).then(|| HAND.to_owned()))
-    }
-
     /// Returns the arguments with which this program trains or resumes a member.
-    fn arguments(&self, member: &Member, workers: usize) -> Vec<std::ffi::OsString> {
+    fn arguments(&self, member: &Member, hand: &str, workers: usize) -> Vec<std::ffi::OsString> {
         let mut arguments = vec!["train".into(), "--no-install".into(), "--workers".into(), workers.to_string().into()];
         let mut option = |name: &str, value: std::ffi::OsString| arguments.extend([name.into(), value]);
         if member.state != State::New {
@@ -168,9 +159,7 @@ impl Args {
         option("--lambda", member.lambda.to_string().into());
         option("--seed", member.seed.to_string().into());
         option("--out", member.run.clone().into());
-        if let Some(hand) = self.hand() {
-            option("--hand", hand.into());
-        }
+        option("--hand", hand.into());
         arguments.extend(self.settings.arguments());
         arguments
     }

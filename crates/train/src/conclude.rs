@@ -110,7 +110,8 @@ impl Trainer {
         })
     }
 
-    fn evaluate_policy(
+    /// Evaluates a policy on the task.
+    pub(crate) fn evaluate_policy(
         &mut self,
         policy: &Policy,
         stream: EvaluationStream,

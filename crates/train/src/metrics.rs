@@ -130,7 +130,9 @@ impl MetricsRow {
             *field = value;
         } else if let Some(object) = column.strip_prefix(OBJECT_PREFIX) {
             self.success_rate_per_object.insert(object.to_owned(), value);
-        } else if let Some(number) = column.strip_prefix(COMPONENT_PREFIX).and_then(|n| n.parse::<usize>().ok()) {
+        } else if let Some(number) = column.strip_prefix(COMPONENT_PREFIX).and_then(|n| n.parse::<u16>().ok()) {
+            // 16 bits bound the memory that a damaged header can request.
+            let number = usize::from(number);
             self.contribution.resize(self.contribution.len().max(number), None);
             if let Some(rate) = number.checked_sub(1).and_then(|i| self.contribution.get_mut(i)) {
                 *rate = value;
@@ -344,6 +346,8 @@ mod tests {
         let updates: Vec<_> = rows.iter().map(|row| (row.episode, row.updates)).collect();
         assert_eq!(updates, [(100, None), (200, Some(0.5))], "the last line is unfinished");
         assert_eq!(rows[1].contribution, [None, Some(0.25)]);
+        let rows = read("episode,contribution_99999999999999\n100,1\n").expect("an unknown column");
+        assert!(rows[0].contribution.is_empty());
     }
 
     #[test]

@@ -28,6 +28,9 @@ use crate::trainer::Trainer;
 pub struct NewRun {
     /// Name or directory of the hand.
     pub hand: Option<String>,
+    /// Whether a request that names no hand means the hand of the default configuration. Otherwise it is
+    /// [`TrainError::NoHand`].
+    pub default_hand: bool,
     /// Preset; if absent, the preset in the file, or else the default.
     pub preset: Option<Preset>,
     /// Configuration file.
@@ -275,7 +278,7 @@ fn sum_layers(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainE
             layers.set(key, value, &format!("--{key}"))?;
         }
     }
-    if layers.origin("hand").is_none() {
+    if layers.origin("hand").is_none() && !request.default_hand {
         let names: Vec<&str> = registry.list().iter().map(|entry| entry.name.as_str()).collect();
         let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         return Err(TrainError::NoHand { known });

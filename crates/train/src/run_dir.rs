@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use eigenhand_files::{cannot, create_directory, write_atomically};
 
-use crate::config::{ConfigError, RunConfig, Settings, parse_settings};
+use crate::config::{RunConfig, Settings, parse_settings, read_layer};
 use crate::error::TrainError;
 use crate::provenance::Provenance;
 
@@ -91,8 +91,7 @@ pub fn read_config(path: &Path) -> Result<RunConfig, TrainError> {
 pub fn read_settings(run: &Path) -> Result<Settings, TrainError> {
     require_run(run)?;
     let path = run.join(CONFIG);
-    let text = std::fs::read_to_string(&path).map_err(|source| ConfigError::Read { path: path.clone(), source })?;
-    Ok(parse_settings(&path.display().to_string(), &text)?)
+    Ok(parse_settings(&path.display().to_string(), &read_layer(&path)?)?)
 }
 
 /// Reads the provenance of the run in a directory.

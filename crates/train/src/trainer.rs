@@ -15,10 +15,10 @@ use rayon::ThreadPool;
 
 use crate::assignment::Assignment;
 use crate::checkpoint::{Checkpoints, Restored};
-use crate::config::RunConfig;
+use crate::config::{EvaluationConfig, RunConfig};
 use crate::counters::{Counters, UpdateSums};
 use crate::error::TrainError;
-use crate::evaluation::{EvaluationStream, evaluate};
+use crate::evaluation::EvaluationStream;
 use crate::exploration::exploration_of;
 use crate::feedback::GraspReward;
 use crate::finalists::{Finalist, Finalists};
@@ -135,7 +135,8 @@ impl Trainer {
         let mut submitted = self.submit(self.counters.episodes)?;
         // A checkpoint holds a cycle's episodes but not yet the updates for them, so a resumed run starts with these.
         self.learn()?;
-        let RunConfig { training, evaluation, episodes: total, .. } = self.assignment.config.clone();
+        let RunConfig { training, evaluation, episodes: total, .. } = &self.assignment.config;
+        let (total, evaluate_every, save_every) = (*total, evaluation.every, training.checkpoint_every);
         while self.counters.episodes < total {
             let (cycle_started, first_step) = (Instant::now(), self.counters.env_steps);
             let episodes = self.pool.collect()?;
@@ -144,11 +145,11 @@ impl Trainer {
             self.counters.wall_s = self.wall_s();
             let done = self.counters.episodes;
             let crossed = |every: u64| previous / every != done / every || done == total;
-            if crossed(evaluation.every) {
+            if crossed(evaluate_every) {
                 self.evaluate(progress)?;
             }
             let interrupted = stop.load(Ordering::Relaxed);
-            if crossed(training.checkpoint_every) || interrupted {
+            if crossed(save_every) || interrupted {
                 self.save()?;
                 saved_at = done;
             }
@@ -257,15 +258,14 @@ impl Trainer {
     }
 
     fn evaluate(&mut self, progress: &mut dyn Progress) -> Result<(), TrainError> {
-        let Assignment { config, task, .. } = &self.assignment;
-        let policy = self.learner.policy(config.evaluation.actor);
-        let (stream, episodes) = (EvaluationStream::Periodic, config.evaluation.episodes);
-        let evaluation = evaluate(&mut self.pool, task, &policy, config.seed, stream, episodes)?;
+        let EvaluationConfig { actor, episodes, finalists, .. } = self.assignment.config.evaluation;
+        let policy = self.learner.policy(actor);
+        let evaluation = self.evaluate_policy(&policy, EvaluationStream::Periodic, episodes)?;
         let success_rate = evaluation.success_rate();
         self.counters.last_evaluation = Some(success_rate);
         let finalist = Finalist { success_rate, episode: self.counters.episodes, policy };
-        self.finalists.enter(finalist, config.evaluation.finalists);
-        let components = config.synergy.components.min(self.postures.joints().len());
+        self.finalists.enter(finalist, finalists);
+        let components = self.assignment.config.synergy.components.min(self.postures.joints().len());
         let row = MetricsRow::of(&self.counters, &evaluation, self.reward.feedback.synergy(), components);
         self.journal.append(&row)?;
         progress.note(&format!("episode {}: {evaluation}", self.counters.episodes));

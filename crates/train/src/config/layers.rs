@@ -7,7 +7,6 @@ use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
 use super::error::{ConfigError, InvalidSetting};
-use super::settings::parse_settings;
 use super::{DEFAULT, Preset, RunConfig};
 
 /// Least similarity at which a known key is suggested for an unknown one.
@@ -55,11 +54,10 @@ impl Layers {
     pub fn of_run(path: &Path) -> Result<Layers, ConfigError> {
         let mut layers = Layers::new(Preset::Default)?;
         let required = layers.resolve()?.settings()?;
-        let text = read_layer(path)?;
         let origin = path.display().to_string();
-        layers.add_text(&origin, &text)?;
-        let written = parse_settings(&origin, &text)?;
-        match required.into_keys().find(|key| !written.contains_key(key)) {
+        layers.origins.clear();
+        layers.add_text(&origin, &read_layer(path)?)?;
+        match required.into_keys().find(|key| layers.origin(key).is_none()) {
             Some(key) => Err(ConfigError::Value {
                 origin,
                 reason: format!(
