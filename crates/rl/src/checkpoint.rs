@@ -5,7 +5,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::ddpg::Learned;
 use crate::tensors::{Tensor, TensorMap};
-use crate::{Ddpg, DdpgConfig, RlError, RunningNormalizer};
+use crate::{Ddpg, DdpgConfig, Dimensions, RlError, RunningNormalizer};
 
 const SCHEMA: u64 = 2;
 
@@ -40,9 +40,7 @@ impl Ddpg {
     /// type, or holds a value that no learner has.
     pub fn from_tensors(
         config: DdpgConfig,
-        obs_dim: usize,
-        goal_dim: usize,
-        act_dim: usize,
+        dimensions: Dimensions,
         tensors: &TensorMap,
     ) -> Result<Self, RlError> {
         let schema = tensors.u64("schema")?;
@@ -51,14 +49,14 @@ impl Ddpg {
             return Err(RlError::TensorValue { name, expected, got: schema.to_string() });
         }
         // The lines below overwrite all weights that are drawn here.
-        let mut learner = Self::new(config, obs_dim, goal_dim, act_dim, &mut ChaCha8Rng::seed_from_u64(0))?;
+        let mut learner = Self::new(config, dimensions, &mut ChaCha8Rng::seed_from_u64(0))?;
         let normalizer = learner.config.normalizer;
         read_learned(tensors, "actor", &mut learner.actor)?;
         read_learned(tensors, "critic", &mut learner.critic)?;
         tensors.read_network("actor_average", &mut learner.average)?;
         learner.n_updates = tensors.u64("n_updates")?;
-        learner.observation = read_normalizer(tensors, "observation", normalizer, obs_dim)?;
-        learner.goal = read_normalizer(tensors, "goal", normalizer, goal_dim)?;
+        learner.observation = read_normalizer(tensors, "observation", normalizer, dimensions.obs_dim)?;
+        learner.goal = read_normalizer(tensors, "goal", normalizer, dimensions.goal_dim)?;
         let expected = learner.to_tensors();
         match tensors.iter().find(|(name, _)| expected.get(name).is_err()) {
             Some((name, _)) => Err(RlError::TensorUnexpected { name: name.to_owned() }),

@@ -6,7 +6,7 @@ use crate::adam::{Adam, Follow};
 use crate::config::ACTION_L2_DIMENSIONS;
 use crate::matrix::{Aligned, zeros};
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
-use crate::{ActionCost, ActorChoice, Batch, DdpgConfig, Mlp, Policy, RlError, RunningNormalizer, elementwise};
+use crate::{ActionCost, ActionMap, ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Policy, RlError, RunningNormalizer, elementwise};
 
 /// A network, the target that follows it, and its optimiser.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +68,27 @@ impl UpdateStats {
     }
 }
 
+/// Sizes of a learner's inputs and outputs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Dimensions {
+    /// Numbers in an observation.
+    pub obs_dim: usize,
+    /// Numbers in a goal.
+    pub goal_dim: usize,
+    /// Numbers in an action.
+    pub act_dim: usize,
+    /// Outputs of the actor. If they are not the actions, the learner needs an [`ActionMap`].
+    pub n_outputs: usize,
+}
+
+impl Dimensions {
+    /// Returns the sizes for episodes of a shape, with an actor whose outputs are the actions.
+    pub fn of(shape: EpisodeShape) -> Self {
+        let EpisodeShape { obs_dim, goal_dim, act_dim, .. } = shape;
+        Self { obs_dim, goal_dim, act_dim, n_outputs: act_dim }
+    }
+}
+
 /// The learner: actor and critic, their targets and optimisers, and the normalisers of their inputs.
 ///
 /// The actor reads the normalised observation and the normalised goal. The critic reads the same and then the action. An
@@ -86,6 +107,9 @@ pub struct Ddpg {
     pub(crate) goal: RunningNormalizer,
     pub(crate) n_updates: u64,
     action_cost: Option<ActionCost>,
+    /// None: the actor's outputs are the actions.
+    action_map: Option<ActionMap>,
+    act_dim: usize,
     scratch: Scratch,
 }
 
@@ -98,6 +122,8 @@ struct Scratch {
     targets: Vec<f32>,
     value_gradient: Vec<f32>,
     action_gradient: Vec<f32>,
+    /// By the actor's outputs, where these are not the actions.
+    output_gradient: Vec<f32>,
     /// For [`ActionCost`], 2 x act_dim.
     deviations: Vec<f32>,
     actor: MlpScratch,
@@ -113,13 +139,12 @@ impl Ddpg {
     /// [`RlError::Config`] if a constant is out of range or a size is 0.
     pub fn new(
         config: DdpgConfig,
-        obs_dim: usize,
-        goal_dim: usize,
-        act_dim: usize,
+        dimensions: Dimensions,
         rng: &mut impl Rng,
     ) -> Result<Self, RlError> {
         config.validate()?;
-        for (field, n) in [("obs_dim", obs_dim), ("goal_dim", goal_dim), ("act_dim", act_dim)] {
+        let Dimensions { obs_dim, goal_dim, act_dim, n_outputs } = dimensions;
+        for (field, n) in [("obs_dim", obs_dim), ("goal_dim", goal_dim), ("act_dim", act_dim), ("n_outputs", n_outputs)] {
             if n == 0 {
                 return Err(RlError::Config { field, expected: "at least 1", got: n.to_string() });
             }
@@ -128,7 +153,7 @@ impl Ddpg {
         let sizes = |inputs, outputs| -> Vec<usize> {
             std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect()
         };
-        let actor = Mlp::new(&sizes(state, act_dim), OutputActivation::Tanh, rng);
+        let actor = Mlp::new(&sizes(state, n_outputs), OutputActivation::Tanh, rng);
         let mut critic = Mlp::new(&sizes(state + act_dim, 1), OutputActivation::Linear, rng);
         if config.critic_layer_norm {
             critic = critic.with_layer_norm();
@@ -140,6 +165,7 @@ impl Ddpg {
             targets: vec![0.0; batch],
             value_gradient: vec![0.0; batch],
             action_gradient: vec![0.0; batch * act_dim],
+            output_gradient: vec![0.0; batch * n_outputs],
             deviations: vec![0.0; 2 * act_dim],
             actor: actor.scratch(batch),
             critic: critic.scratch(batch),
@@ -154,6 +180,8 @@ impl Ddpg {
             goal: RunningNormalizer::new(config.normalizer, goal_dim),
             n_updates: 0,
             action_cost: None,
+            action_map: None,
+            act_dim,
             scratch,
             config,
         })
@@ -198,7 +226,7 @@ impl Ddpg {
             ActorChoice::Target => &self.actor.target,
             ActorChoice::Average => &self.average,
         };
-        Policy::new(actor.clone(), self.observation.clone(), self.goal.clone())
+        Policy::new(actor.clone(), self.observation.clone(), self.goal.clone(), self.action_map.clone())
     }
 
     /// Sets the learning rates of the following updates.
@@ -217,8 +245,19 @@ impl Ddpg {
         self.action_cost = cost;
     }
 
+    /// Sets the map from the actor's outputs to actions, for the following updates and policies. A checkpoint does not hold
+    /// it.
+    ///
+    /// # Panics
+    /// If the map has other sizes than the learner.
+    pub fn set_action_map(&mut self, map: Option<ActionMap>) {
+        let (outputs, actions) = map.as_ref().map_or((self.act_dim, self.act_dim), |m| (m.n_outputs(), m.n_actions()));
+        assert_eq!((outputs, actions), (self.actor.online.outputs(), self.act_dim), "the map has other sizes");
+        self.action_map = map;
+    }
+
     fn act_dim(&self) -> usize {
-        self.actor.online.outputs()
+        self.act_dim
     }
 
     fn fill_inputs(&mut self, batch: &Batch) {
@@ -245,8 +284,8 @@ impl Ddpg {
         let act_dim = self.act_dim();
         let Scratch { next_input, targets, actor, critic, .. } = &mut self.scratch;
         let stride = next_input.len() / targets.len();
-        let actions = self.actor.target.forward(Rows { data: next_input, stride }, actor);
-        write_actions(next_input, stride, actions, act_dim);
+        let outputs = self.actor.target.forward(Rows { data: next_input, stride }, actor);
+        write_actions(next_input, stride, outputs, act_dim, self.action_map.as_ref());
         let values = self.critic.target.forward(Rows { data: next_input, stride }, critic);
         let least = self.config.least_target();
         let (mut sum, mut n_clipped) = (0.0, 0u32);
@@ -284,14 +323,23 @@ impl Ddpg {
     /// Returns the loss and the mean square of the actions.
     fn update_actor(&mut self, tau: Option<f32>, rewards: &[f32]) -> (f32, f32) {
         let act_dim = self.act_dim();
-        let Scratch { input, value_gradient, action_gradient, deviations, actor, critic, actor_gradient, .. } =
-            &mut self.scratch;
+        let Scratch {
+            input,
+            value_gradient,
+            action_gradient,
+            output_gradient,
+            deviations,
+            actor,
+            critic,
+            actor_gradient,
+            ..
+        } = &mut self.scratch;
         let n = value_gradient.len();
         let stride = input.len() / n;
         let actions = self.actor.online.forward(Rows { data: input, stride }, actor);
-        write_actions(input, stride, actions, act_dim);
+        write_actions(input, stride, actions, act_dim, self.action_map.as_ref());
         let square_mean = elementwise::dot(actions, actions) / actions.len() as f32;
-        let l2 = action_l2(&self.config, act_dim);
+        let l2 = action_l2(&self.config, actions.len() / n);
 
         let x = Rows { data: input, stride };
         let value_mean = self.critic.online.forward(x, critic).iter().sum::<f32>() / n as f32;
@@ -299,13 +347,20 @@ impl Ddpg {
         let wanted = InputGradient { first: stride - act_dim, out: action_gradient };
         self.critic.online.backward(x, value_gradient, critic, None, Some(wanted));
 
-        let slope = 2.0 * l2 / (n * act_dim) as f32;
-        action_gradient.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += slope * a);
+        let by_output = match &self.action_map {
+            None => &mut *action_gradient,
+            Some(map) => {
+                pull_back(map, input, stride, action_gradient, output_gradient);
+                &mut *output_gradient
+            }
+        };
+        let slope = 2.0 * l2 / by_output.len() as f32;
+        by_output.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += slope * a);
         let cost = self
             .action_cost
             .as_ref()
-            .map(|cost| cost.add_gradient(rewards, actor.output(), action_gradient, deviations));
-        self.actor.online.backward(x, action_gradient, actor, Some(actor_gradient), None);
+            .map(|cost| cost.add_gradient(rewards, actor.output(), by_output, deviations));
+        self.actor.online.backward(x, by_output, actor, Some(actor_gradient), None);
         self.actor.step(actor_gradient, tau);
         (l2 * square_mean - value_mean + cost.unwrap_or(0.0), square_mean)
     }
@@ -317,8 +372,31 @@ fn action_l2(config: &DdpgConfig, act_dim: usize) -> f32 {
     config.action_l2 * (act_dim as f32 / ACTION_L2_DIMENSIONS).min(1.0)
 }
 
-fn write_actions(input: &mut [f32], stride: usize, actions: &[f32], act_dim: usize) {
-    for (row, action) in input.chunks_exact_mut(stride).zip(actions.chunks_exact(act_dim)) {
-        row[stride - act_dim..].copy_from_slice(action);
+/// (rows of inputs, the actor's outputs) => the actions in the last part of each row
+fn write_actions(input: &mut [f32], stride: usize, outputs: &[f32], act_dim: usize, map: Option<&ActionMap>) {
+    let n_outputs = map.map_or(act_dim, ActionMap::n_outputs);
+    for (row, output) in input.chunks_exact_mut(stride).zip(outputs.chunks_exact(n_outputs)) {
+        let action = &mut row[stride - act_dim..];
+        match map {
+            None => action.copy_from_slice(output),
+            Some(map) => {
+                map.apply(output, action);
+                action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
+            }
+        }
+    }
+}
+
+/// (rows of inputs with the clamped actions, gradient by them) => gradient by the actor's outputs
+///
+/// A clamped action does not change with the outputs, so its gradient is left out.
+fn pull_back(map: &ActionMap, input: &[f32], stride: usize, by_action: &mut [f32], by_output: &mut [f32]) {
+    let (act_dim, n_outputs) = (map.n_actions(), map.n_outputs());
+    let rows = input.chunks_exact(stride).zip(by_action.chunks_exact_mut(act_dim));
+    for ((row, by_action), by_output) in rows.zip(by_output.chunks_exact_mut(n_outputs)) {
+        for (gradient, action) in by_action.iter_mut().zip(&row[stride - act_dim..]) {
+            *gradient = if action.abs() < 1.0 { *gradient } else { 0.0 };
+        }
+        map.pull_back(by_action, by_output);
     }
 }

@@ -15,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod action_cost;
+mod action_map;
 mod adam;
 mod checkpoint;
 mod config;
@@ -36,8 +37,9 @@ mod sparse;
 mod tensors;
 
 pub use action_cost::ActionCost;
+pub use action_map::ActionMap;
 pub use config::{ACTION_L2_DIMENSIONS, DdpgConfig};
-pub use ddpg::{Ddpg, UpdateStats};
+pub use ddpg::{Ddpg, Dimensions, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};
 pub use error::RlError;
 pub use explore::{ActionDimension, Coordination, Exploration, ExplorationConfig};

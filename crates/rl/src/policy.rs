@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::tensors::{Tensor, TensorMap};
-use crate::{Mlp, NormalizerConfig, OutputActivation, RlError, RunningNormalizer};
+use crate::{ActionMap, Mlp, NormalizerConfig, OutputActivation, RlError, RunningNormalizer};
 
 /// The choice among the learner's actors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -30,6 +30,8 @@ struct Parts {
     actor: Mlp,
     observation: RunningNormalizer,
     goal: RunningNormalizer,
+    /// None: the outputs are the actions.
+    map: Option<ActionMap>,
 }
 
 /// Buffers for the calls of [`Policy::act`] on one thread.
@@ -37,31 +39,71 @@ struct Parts {
 pub struct PolicyScratch {
     input: Vec<f32>,
     hidden: [Vec<f32>; 2],
+    output: Vec<f32>,
 }
 
+const MAP_MATRIX: &str = "action.matrix";
+const MAP_OFFSET: &str = "action.offset";
+
 impl Policy {
-    pub(crate) fn new(actor: Mlp, observation: RunningNormalizer, goal: RunningNormalizer) -> Self {
-        Self { parts: Arc::new(Parts { actor, observation, goal }) }
+    pub(crate) fn new(
+        actor: Mlp,
+        observation: RunningNormalizer,
+        goal: RunningNormalizer,
+        map: Option<ActionMap>,
+    ) -> Self {
+        Self { parts: Arc::new(Parts { actor, observation, goal, map }) }
     }
 
     /// Allocates buffers for [`act`](Self::act). They fit every policy of the same learner.
     pub fn scratch(&self) -> PolicyScratch {
         let actor = &self.parts.actor;
         let widest = actor.layers().iter().map(|l| l.outputs).max().unwrap_or(0);
-        PolicyScratch { input: vec![0.0; actor.inputs()], hidden: [vec![0.0; widest], vec![0.0; widest]] }
+        PolicyScratch {
+            input: vec![0.0; actor.inputs()],
+            hidden: [vec![0.0; widest], vec![0.0; widest]],
+            output: vec![0.0; actor.outputs()],
+        }
     }
 
-    /// `(observation, goal) => out: action in [-1, 1]`, without exploration.
+    /// `(observation, goal) => action in [-1, 1]`, without exploration.
     ///
     /// # Panics
     /// If a length is not the learner's.
-    pub fn act(&self, observation: &[f32], goal: &[f32], scratch: &mut PolicyScratch, out: &mut [f32]) {
-        let Parts { actor, observation: observations, goal: goals } = &*self.parts;
-        let (obs_in, goal_in) = scratch.input.split_at_mut(observations.dim());
+    pub fn act(&self, observation: &[f32], goal: &[f32], scratch: &mut PolicyScratch, action: &mut [f32]) {
+        self.act_through(observation, goal, scratch, action, |_| {});
+        action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
+    }
+
+    /// The same, but `explore` may change the actor's outputs before they are mapped to actions, and the actions are not
+    /// clamped: those of a policy with an [`ActionMap`] can lie outside [-1, 1].
+    ///
+    /// # Panics
+    /// If a length is not the learner's.
+    pub fn act_through(
+        &self,
+        observation: &[f32],
+        goal: &[f32],
+        scratch: &mut PolicyScratch,
+        action: &mut [f32],
+        explore: impl FnOnce(&mut [f32]),
+    ) {
+        let Parts { actor, observation: observations, goal: goals, map } = &*self.parts;
+        let PolicyScratch { input, hidden: [a, b], output } = scratch;
+        let (obs_in, goal_in) = input.split_at_mut(observations.dim());
         observations.normalize(observation, obs_in);
         goals.normalize(goal, goal_in);
-        let [a, b] = &mut scratch.hidden;
-        actor.forward_row(&scratch.input, [a, b], out);
+        actor.forward_row(input, [a, b], output);
+        explore(output);
+        match map {
+            Some(map) => map.apply(output, action),
+            None => action.copy_from_slice(output),
+        }
+    }
+
+    /// Returns the map from the actor's outputs to actions; none if they are the actions.
+    pub fn map(&self) -> Option<&ActionMap> {
+        self.parts.map.as_ref()
     }
 
     /// Returns the number of values in an observation.
@@ -76,19 +118,24 @@ impl Policy {
 
     /// Returns the number of values in an action.
     pub fn act_dim(&self) -> usize {
-        self.parts.actor.outputs()
+        self.map().map_or(self.parts.actor.outputs(), ActionMap::n_actions)
     }
 
     /// Exports the tensors with which another program can run the policy: `actor.{i}.weight` (outputs x inputs, row-major),
-    /// `actor.{i}.bias`, and `mean` and `std` of `observation` and `goal`. The limits at which inputs are clipped are in
-    /// [`NormalizerConfig`].
+    /// `actor.{i}.bias`, `mean` and `std` of `observation` and `goal`, and `action.matrix` and `action.offset` of the
+    /// [`ActionMap`], if there is one. The limits at which inputs are clipped are in [`NormalizerConfig`].
     pub fn export_tensors(&self) -> TensorMap {
-        let Parts { actor, observation, goal } = &*self.parts;
+        let Parts { actor, observation, goal, map } = &*self.parts;
         let mut tensors = TensorMap::default();
         tensors.insert_network("actor", actor);
         for (name, normalizer) in [("observation", observation), ("goal", goal)] {
             tensors.insert(format!("{name}.mean"), Tensor::f32(vec![normalizer.dim()], normalizer.mean().to_vec()));
             tensors.insert(format!("{name}.std"), Tensor::f32(vec![normalizer.dim()], normalizer.std().to_vec()));
+        }
+        if let Some(map) = map {
+            let shape = vec![map.n_actions(), map.n_outputs()];
+            tensors.insert(MAP_MATRIX, Tensor::f32(shape, map.matrix().to_vec()));
+            tensors.insert(MAP_OFFSET, Tensor::f32(vec![map.n_actions()], map.offset().to_vec()));
         }
         tensors
     }
@@ -118,7 +165,17 @@ impl Policy {
         }
         let mut actor = Mlp::zeros(&sizes, OutputActivation::Tanh);
         tensors.read_network("actor", &mut actor)?;
-        let policy = Self::new(actor, observation, goal);
+        let map = match tensors.get(MAP_MATRIX) {
+            Err(_) => None,
+            Ok(matrix) => {
+                let n_outputs = actor.outputs();
+                let n_actions = matrix.shape.first().copied().unwrap_or(0);
+                let matrix = tensors.f32s(MAP_MATRIX, &[n_actions, n_outputs])?.to_vec();
+                let offset = tensors.f32s(MAP_OFFSET, &[n_actions])?.to_vec();
+                Some(ActionMap::new(matrix, offset, n_outputs)?)
+            }
+        };
+        let policy = Self::new(actor, observation, goal, map);
         let written = policy.export_tensors();
         match tensors.iter().find(|(name, _)| written.get(name).is_err()) {
             Some((name, _)) => Err(RlError::TensorUnexpected { name: name.to_owned() }),
