@@ -204,12 +204,12 @@ fn an_episode_is_a_function_of_its_job() {
     let [one, three] = &mut results;
     assert_eq!(one.len(), 12);
     for (a, b) in one.iter().zip(three) {
-        assert_eq!((a.index, a.scene, a.success, a.greedy), (b.index, b.scene, b.success, b.greedy));
+        assert_eq!((a.index, a.scene, a.success, a.source), (b.index, b.scene, b.success, b.source));
         assert_eq!(a.data, b.data);
         assert_eq!(a.posture, b.posture);
     }
     // Half of the episodes have no noise; twelve episodes contain both kinds.
-    assert!(one.iter().any(|e| e.greedy) && one.iter().any(|e| !e.greedy));
+    assert!(one.iter().any(|e| e.source == Source::Policy) && one.iter().any(|e| e.source == Source::Noise));
 }
 
 #[test]

@@ -155,7 +155,7 @@ fn errors(database: &Path, components: usize, window: usize) -> Result<Vec<f64>,
         return Ok(Vec::new());
     }
     let database = PostureDatabase::open_existing(database)?;
-    let postures = database.postures()?;
+    let postures = database.policy_postures()?;
     let synergy = Synergy::fit_newest(database.joints(), &postures, components, window)?;
     let Some(synergy) = synergy else { return Ok(Vec::new()) };
     let mut errors: Vec<f64> = newest(&postures, window).iter().map(|posture| synergy.error(posture)).collect();

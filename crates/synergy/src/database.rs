@@ -1,9 +1,12 @@
-//! The posture database: one row of an SQLite table for each successful training episode.
+//! The posture database of a run, in SQLite: the postures of its successes, and steps of its motions.
 //!
-//! People may open the file with other programs too. Table `posture` has the columns `id, episode, object, lambda,
-//! seed, step, goal_x, goal_y, goal_z` and then one column for each joint, with the joint's name. SQLite ignores the
-//! case of column names; if a name is already taken, the column's name gets the suffix `#2`, `#3` and so on. Table
-//! `joint` lists the joints in order with their column, unit and limits.
+//! People may open the file with other programs too. Table `posture` has one row for each successful training episode,
+//! with the columns `id, episode, object, lambda, seed, step, goal_x, goal_y, goal_z, source` and then one column for
+//! each joint, with the joint's name. Table `motion` has one row for each of some steps of a success without noise, with
+//! the columns `id, episode, object, step, held`, one column for each joint, and a column `ctrl:NAME` for the command of
+//! each actuator of the hand. SQLite ignores the case of column names; if a name is already taken, the column's name
+//! gets the suffix `#2`, `#3` and so on. Tables `joint` and `actuator` list joints and actuators in order, with their
+//! column (`column_name`), unit and limits.
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -11,20 +14,22 @@ use std::time::Duration;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Row, TransactionBehavior, params_from_iter};
 
 use crate::SynergyError;
-use crate::joint::{check_joints, check_posture, check_same_joints};
+use crate::joint::{check_coordinates, check_joints, check_posture, check_same_joints};
 use crate::{JointInfo, Unit};
 
 mod columns;
+mod motion;
 mod record;
 use columns::{RECORD_COLUMNS, column_names, quoted};
-pub use record::PostureRecord;
+pub use motion::MotionRecord;
+pub use record::{PostureRecord, Source};
 use record::{from_row, to_values};
 
 /// Marks an SQLite file as a posture database (`PRAGMA application_id`).
 const APPLICATION_ID: i32 = 0x4547_4e48;
 
 /// The version of the tables (`PRAGMA user_version`).
-const SCHEMA_VERSION: i32 = 1;
+const SCHEMA_VERSION: i32 = 2;
 
 /// How long a statement waits for another process that locks the file.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
@@ -36,25 +41,30 @@ pub struct PostureDatabase {
     connection: Connection,
     joints: Vec<JointInfo>,
     columns: Vec<String>,
+    actuators: Vec<JointInfo>,
+    actuator_columns: Vec<String>,
 }
 
 impl PostureDatabase {
-    /// Creates the database at `path`, or opens an existing one.
+    /// Creates the database at `path`, or opens an existing one. `actuators` are those of the hand, in the order of a
+    /// command's numbers; without them, it can hold no commands.
     ///
     /// # Errors
-    /// A bad joint list; a file of another kind or version, or a damaged one; a database whose joints have other names
-    /// or units. Limits may differ; the database keeps those of its creation.
-    pub fn open(path: impl AsRef<Path>, joints: &[JointInfo]) -> Result<Self, SynergyError> {
+    /// A bad list of joints or actuators; a file of another kind or version, or a damaged one; a database whose joints or
+    /// actuators have other names or units. Limits may differ; the database keeps those of its creation.
+    pub fn open(path: impl AsRef<Path>, joints: &[JointInfo], actuators: &[JointInfo]) -> Result<Self, SynergyError> {
         let path = path.as_ref();
         let inner = || {
             check_joints(joints)?;
+            check_coordinates(actuators)?;
             let mut connection = connect(OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_CREATE, path)?;
             if is_blank(&connection)? {
                 connection.pragma_update(None, "journal_mode", "WAL")?;
-                create(&mut connection, joints)?;
+                create(&mut connection, joints, actuators)?;
             }
             let database = Self::read(path, connection)?;
             check_same_joints(joints, &database.joints)?;
+            check_same_joints(actuators, &database.actuators)?;
             Ok(database)
         };
         inner().map_err(|error: SynergyError| recognise(error).in_file(path))
@@ -83,9 +93,11 @@ impl PostureDatabase {
     fn read(path: &Path, connection: Connection) -> Result<Self, SynergyError> {
         check_kind(&connection)?;
         connection.pragma_update(None, "synchronous", "NORMAL")?;
-        let (joints, columns) = read_joints(&connection)?;
+        let (joints, columns) = read_joints(&connection, "joint")?;
+        let (actuators, actuator_columns) = read_joints(&connection, "actuator")?;
         check_joints(&joints)?;
-        Ok(PostureDatabase { path: path.to_owned(), connection, joints, columns })
+        check_coordinates(&actuators)?;
+        Ok(PostureDatabase { path: path.to_owned(), connection, joints, columns, actuators, actuator_columns })
     }
 
     /// Returns the joints, in the order of a posture's numbers.
@@ -150,16 +162,17 @@ impl PostureDatabase {
         self.select(&names, |row| from_row(row, self.joints.len()))
     }
 
-    /// Returns all postures, in the order of their insertion.
+    /// Returns the postures that a policy reached, with or without noise, in the order of their insertion. Those of
+    /// [scripts](Source::Script) are left out.
     ///
     /// # Errors
     /// As [`PostureDatabase::load`].
-    pub fn postures(&self) -> Result<Vec<Vec<f64>>, SynergyError> {
-        let names: Vec<String> = self.quoted_joints().collect();
-        self.select(&names, |row| (0..self.joints.len()).map(|i| row.get(i)).collect())
+    pub fn policy_postures(&self) -> Result<Vec<Vec<f64>>, SynergyError> {
+        let records = self.load()?.into_iter();
+        Ok(records.filter(|record| record.source != Source::Script).map(|record| record.posture).collect())
     }
 
-    /// Deletes the records of episode `episode` and of later ones, and returns their number. A run that resumes from a
+    /// Deletes the postures and motions of episode `episode` and of later ones, and returns the number of postures. A run that resumes from a
     /// checkpoint plays these episodes again.
     ///
     /// # Errors
@@ -168,7 +181,13 @@ impl PostureDatabase {
         let Ok(episode) = i64::try_from(episode) else {
             return Ok(0);
         };
-        self.run(|connection| Ok(connection.execute("DELETE FROM posture WHERE episode >= ?", [episode])?))
+        self.run(|connection| {
+            let transaction = connection.unchecked_transaction()?;
+            transaction.execute("DELETE FROM motion WHERE episode >= ?", [episode])?;
+            let deleted = transaction.execute("DELETE FROM posture WHERE episode >= ?", [episode])?;
+            transaction.commit()?;
+            Ok(deleted)
+        })
     }
 
     /// Lists the quoted names of the joints' columns.
@@ -228,33 +247,44 @@ fn check_kind(connection: &Connection) -> Result<(), SynergyError> {
     if verdict == "ok" { Ok(()) } else { Err(SynergyError::Damaged { reason: verdict }) }
 }
 
-fn create(connection: &mut Connection, joints: &[JointInfo]) -> Result<(), SynergyError> {
-    let columns = column_names(joints);
+fn create(connection: &mut Connection, joints: &[JointInfo], actuators: &[JointInfo]) -> Result<(), SynergyError> {
+    let (columns, actuator_columns) = column_names(joints, actuators);
     let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    let postures: String = columns.iter().map(|column| format!(", {} REAL NOT NULL", quoted(column))).collect();
+    let reals = |columns: &[String]| -> String {
+        columns.iter().map(|column| format!(", {} REAL NOT NULL", quoted(column))).collect()
+    };
+    let (postures, commands) = (reals(&columns), reals(&actuator_columns));
     transaction.execute_batch(&format!(
         "CREATE TABLE joint (position INTEGER PRIMARY KEY, name TEXT NOT NULL, column_name TEXT NOT NULL,
              unit TEXT NOT NULL, lower REAL NOT NULL, upper REAL NOT NULL);
+         CREATE TABLE actuator (position INTEGER PRIMARY KEY, name TEXT NOT NULL, column_name TEXT NOT NULL,
+             unit TEXT NOT NULL, lower REAL NOT NULL, upper REAL NOT NULL);
          CREATE TABLE posture (id INTEGER PRIMARY KEY AUTOINCREMENT, episode INTEGER NOT NULL, object TEXT NOT NULL,
              lambda REAL NOT NULL, seed INTEGER NOT NULL, step INTEGER NOT NULL, goal_x REAL NOT NULL,
-             goal_y REAL NOT NULL, goal_z REAL NOT NULL{postures});
-         CREATE INDEX posture_episode ON posture (episode);"
+             goal_y REAL NOT NULL, goal_z REAL NOT NULL, source TEXT NOT NULL{postures});
+         CREATE TABLE motion (id INTEGER PRIMARY KEY AUTOINCREMENT, episode INTEGER NOT NULL, object TEXT NOT NULL,
+             step INTEGER NOT NULL, held INTEGER NOT NULL{postures}{commands});
+         CREATE INDEX posture_episode ON posture (episode);
+         CREATE INDEX motion_episode ON motion (episode);"
     ))?;
-    for (position, (joint, column)) in joints.iter().zip(&columns).enumerate() {
-        let JointInfo { name, unit, lower, upper } = joint;
-        transaction.execute(
-            "INSERT INTO joint VALUES (?, ?, ?, ?, ?, ?)",
-            (position as i64, name, column, unit.symbol(), lower, upper),
-        )?;
+    for (table, coordinates, columns) in [("joint", joints, &columns), ("actuator", actuators, &actuator_columns)] {
+        for (position, (coordinate, column)) in coordinates.iter().zip(columns).enumerate() {
+            let JointInfo { name, unit, lower, upper } = coordinate;
+            transaction.execute(
+                &format!("INSERT INTO {table} VALUES (?, ?, ?, ?, ?, ?)"),
+                (position as i64, name, column, unit.symbol(), lower, upper),
+            )?;
+        }
     }
     transaction.pragma_update(None, "application_id", APPLICATION_ID)?;
     transaction.pragma_update(None, "user_version", SCHEMA_VERSION)?;
     Ok(transaction.commit()?)
 }
 
-fn read_joints(connection: &Connection) -> Result<(Vec<JointInfo>, Vec<String>), SynergyError> {
-    let mut statement =
-        connection.prepare("SELECT name, unit, lower, upper, column_name FROM joint ORDER BY position")?;
+/// Reads the table `joint` or `actuator`.
+fn read_joints(connection: &Connection, table: &str) -> Result<(Vec<JointInfo>, Vec<String>), SynergyError> {
+    let sql = format!("SELECT name, unit, lower, upper, column_name FROM {table} ORDER BY position");
+    let mut statement = connection.prepare(&sql)?;
     let rows = statement.query_map([], |row| {
         let unit: String = row.get(1)?;
         Ok((row.get::<_, String>(0)?, unit, row.get::<_, f64>(2)?, row.get::<_, f64>(3)?, row.get::<_, String>(4)?))
@@ -264,7 +294,7 @@ fn read_joints(connection: &Connection) -> Result<(Vec<JointInfo>, Vec<String>),
     for row in rows {
         let (name, symbol, lower, upper, column) = row?;
         let Some(unit) = Unit::from_symbol(&symbol) else {
-            let message = format!("joint {name:?} has the unit {symbol:?}; expected \"rad\" or \"m\"");
+            let message = format!("{table} {name:?} has the unit {symbol:?}; expected \"rad\" or \"m\"");
             return Err(SynergyError::Joints { message });
         };
         joints.push(JointInfo { name, unit, lower, upper });

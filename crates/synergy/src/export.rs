@@ -3,10 +3,19 @@
 use std::path::Path;
 
 use crate::joint::check_posture;
-use crate::{Synergy, SynergyError, SynergyFile, atomic, npy};
+use crate::{Space, Synergy, SynergyError, SynergyFile, atomic, npy};
 
 const TOML: &str = "synergy.toml";
 const POSTURES: &str = "postures.npy";
+const COMMANDS: &str = "commands.npy";
+
+/// Returns the name of the file of the samples to which a space was fitted.
+fn samples_file(space: Space) -> &'static str {
+    match space {
+        Space::Commands => COMMANDS,
+        Space::Postures => POSTURES,
+    }
+}
 
 /// A reader of an array of a synergy: (synergy) => (shape, values in C order).
 type Array = fn(&Synergy) -> (Vec<usize>, &[f64]);
@@ -24,12 +33,12 @@ const ARRAYS: [(&str, Array); 4] = [
 pub struct Import {
     /// The content of `synergy.toml`.
     pub file: SynergyFile,
-    /// The postures, N x n.
-    pub postures: Vec<Vec<f64>>,
+    /// The postures or commands to which the space was fitted, N x n.
+    pub samples: Vec<Vec<f64>>,
 }
 
 /// Writes the directory `dir`: `synergy.toml`, `components.npy` (k x n), `mean.npy` (n), `explained_variance.npy` (k),
-/// `contribution.npy` (k) and `postures.npy` (N x n), float64 in C order.
+/// `contribution.npy` (k) and the samples, `postures.npy` or `commands.npy` (N x n), float64 in C order.
 ///
 /// The files are written to a temporary directory beside `dir`, which is then renamed, so an interrupted export leaves
 /// no incomplete directory. An earlier export at `dir` is replaced.
@@ -37,13 +46,13 @@ pub struct Import {
 /// # Errors
 /// A number or a length of postures that does not fit the space, an error of [`SynergyFile::to_toml`], a directory at
 /// `dir` that holds other files than an export, or a failure to write.
-pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, postures: &[P]) -> Result<(), SynergyError> {
+pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, samples: &[P]) -> Result<(), SynergyError> {
     let dir = dir.as_ref();
     let synergy = &file.synergy;
     let n_joints = synergy.n_joints();
-    check_count(postures.len(), synergy)?;
-    for (row, posture) in postures.iter().enumerate() {
-        check_posture(posture.as_ref(), n_joints, row)?;
+    check_count(samples.len(), synergy)?;
+    for (row, sample) in samples.iter().enumerate() {
+        check_posture(sample.as_ref(), n_joints, row)?;
     }
     let encode = |name: &str, shape: &[usize], values: &mut dyn Iterator<Item = f64>| {
         npy::to_bytes(shape, values).map_err(SynergyError::io("encode", dir.join(name)))
@@ -53,8 +62,9 @@ pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, postur
         let (shape, values) = array(synergy);
         files.push((name, encode(name, &shape, &mut values.iter().copied())?));
     }
-    let mut values = postures.iter().flat_map(|posture| posture.as_ref().iter().copied());
-    files.push((POSTURES, encode(POSTURES, &[postures.len(), n_joints], &mut values)?));
+    let mut values = samples.iter().flat_map(|sample| sample.as_ref().iter().copied());
+    let name = samples_file(file.space);
+    files.push((name, encode(name, &[samples.len(), n_joints], &mut values)?));
     atomic::replace_directory(dir, &files, is_export_file)
 }
 
@@ -77,19 +87,20 @@ pub fn import(dir: impl AsRef<Path>) -> Result<Import, SynergyError> {
             return Err(SynergyError::invalid(format!("{name}, number {i}"), wanted, values[i]).in_file(path));
         }
     }
-    let path = dir.join(POSTURES);
+    let name = samples_file(file.space);
+    let path = dir.join(name);
     let (shape, values) = read_npy(&path)?;
     let n_joints = synergy.n_joints();
     let inner = || {
-        check_shape(POSTURES, &shape, &[synergy.n_postures(), n_joints])?;
-        let postures: Vec<Vec<f64>> = values.chunks_exact(n_joints).map(<[f64]>::to_vec).collect();
-        for (row, posture) in postures.iter().enumerate() {
-            check_posture(posture, n_joints, row)?;
+        check_shape(name, &shape, &[synergy.n_postures(), n_joints])?;
+        let samples: Vec<Vec<f64>> = values.chunks_exact(n_joints).map(<[f64]>::to_vec).collect();
+        for (row, sample) in samples.iter().enumerate() {
+            check_posture(sample, n_joints, row)?;
         }
-        Ok(postures)
+        Ok(samples)
     };
-    let postures = inner().map_err(|error: SynergyError| error.in_file(path))?;
-    Ok(Import { file, postures })
+    let samples = inner().map_err(|error: SynergyError| error.in_file(path))?;
+    Ok(Import { file, samples })
 }
 
 fn read_npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>), SynergyError> {
@@ -109,10 +120,10 @@ fn check_count(n_postures: usize, synergy: &Synergy) -> Result<(), SynergyError>
         return Ok(());
     }
     let expected = format!("{}, the number to which the space was fitted", synergy.n_postures());
-    Err(SynergyError::invalid("number of postures", expected, n_postures))
+    Err(SynergyError::invalid("number of samples", expected, n_postures))
 }
 
 /// Tells whether an export writes a file with this name.
 fn is_export_file(name: &str) -> bool {
-    name == TOML || name == POSTURES || ARRAYS.iter().any(|(array, _)| *array == name)
+    name == TOML || name == POSTURES || name == COMMANDS || ARRAYS.iter().any(|(array, _)| *array == name)
 }

@@ -8,25 +8,50 @@ use serde::{Deserialize, Serialize};
 
 use crate::actuation::check_actuation;
 use crate::pca::{SynergyParts, check_numbers};
-use crate::{ActuationMap, JointInfo, Synergy, SynergyError};
+use crate::{ActuationMap, JointInfo, JointMap, Synergy, SynergyError};
 
 /// The version of `synergy.toml`.
-pub const SCHEMA: i64 = 1;
+pub const SCHEMA: i64 = 2;
 
 /// Largest relative difference between a derived number in the file and its value recomputed from the other numbers.
 const DERIVED_TOLERANCE: f64 = 1e-9;
+
+/// What the numbers of a space are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Space {
+    /// Commands of the hand's actuators, along whole grasps: a controller drives the hand with this space.
+    Commands,
+    /// Joint positions at the end of grasps (Higashi et al., section 2.2).
+    Postures,
+}
 
 /// The content of `synergy.toml`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SynergyFile {
     /// The hand's name.
     pub hand: String,
-    /// The space, with the range of its coefficients.
+    /// What the numbers of the space are.
+    pub space: Space,
+    /// The space, with the range of its coefficients. In a space of commands, its joints are the actuators.
     pub synergy: Synergy,
-    /// The map from a posture to actuator commands, where one is known.
+    /// For a space of commands, the joint positions to which they lead.
+    pub joint_map: Option<JointMap>,
+    /// For a space of postures, the map from a posture to actuator commands, where one is known.
     pub actuation: Option<ActuationMap>,
+    /// Number of components that is enough, where it was measured.
+    pub recommended: Option<Recommended>,
     /// The origin of the numbers: any keys with texts.
     pub provenance: BTreeMap<String, String>,
+}
+
+/// Number of components that is enough.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Recommended {
+    /// The number.
+    pub components: usize,
+    /// Why, with the figures.
+    pub reason: String,
 }
 
 impl SynergyFile {
@@ -36,11 +61,20 @@ impl SynergyFile {
     /// An actuation map that does not fit the joints.
     pub fn to_toml(&self) -> Result<String, SynergyError> {
         let synergy = &self.synergy;
-        let mut text = String::from(HEADER);
+        let (header, samples, coordinates) = match self.space {
+            Space::Commands => (COMMANDS_HEADER, "n_commands", "actuators"),
+            Space::Postures => (POSTURES_HEADER, "n_postures", "joints"),
+        };
+        let mut text = format!("{header}{HEADER}");
         put(&mut text, "schema", &SCHEMA)?;
         put(&mut text, "hand", &self.hand)?;
-        put(&mut text, "n_postures", &synergy.n_postures())?;
-        put_rows(&mut text, "joints", synergy.joints())?;
+        put(&mut text, "space", &self.space)?;
+        put(&mut text, samples, &synergy.n_postures())?;
+        if let Some(Recommended { components, reason }) = &self.recommended {
+            put(&mut text, "recommended_components", components)?;
+            put(&mut text, "recommended_reason", reason)?;
+        }
+        put_rows(&mut text, coordinates, synergy.joints())?;
         put(&mut text, "mean", &synergy.mean())?;
         put_rows(&mut text, "components", synergy.components().chunks_exact(synergy.n_joints()))?;
         put(&mut text, "explained_variance", &synergy.explained_variance())?;
@@ -49,6 +83,13 @@ impl SynergyFile {
         put(&mut text, "coefficient_max", &synergy.coefficient_max())?;
         put(&mut text, "total_variance", &synergy.total_variance())?;
         put(&mut text, "eigenvalues", &synergy.eigenvalues())?;
+        if let Some(map) = &self.joint_map {
+            map.check(synergy.n_components())?;
+            text.push_str("\n[joint_map]\n");
+            put_rows(&mut text, "joints", &map.joints)?;
+            put(&mut text, "mean", &map.mean)?;
+            put_rows(&mut text, "matrix", &map.matrix)?;
+        }
         if let Some(actuation) = &self.actuation {
             check_actuation(actuation, synergy.n_joints())?;
             text.push_str("\n[actuation]\n");
@@ -74,14 +115,19 @@ impl SynergyFile {
             return Err(SynergyError::Schema { what: "the synergy file", expected: SCHEMA, got: schema });
         }
         let record: SynergyRecord = toml::from_str(text)?;
+        let (coordinates, samples) = match record.space {
+            Space::Commands => (("actuators", record.actuators), ("n_commands", record.n_commands)),
+            Space::Postures => (("joints", record.joints), ("n_postures", record.n_postures)),
+        };
+        let missing = |key: &str| SynergyError::invalid(key, "a value, as in every file of this space", "none");
         let synergy = Synergy::from_parts(SynergyParts {
-            joints: record.joints,
+            joints: coordinates.1.ok_or_else(|| missing(coordinates.0))?,
             mean: record.mean,
             components: record.components,
             eigenvalues: record.eigenvalues,
             coefficient_min: record.coefficient_min,
             coefficient_max: record.coefficient_max,
-            n_postures: record.n_postures,
+            n_postures: samples.1.ok_or_else(|| missing(samples.0))?,
         })?;
         check_derived("explained_variance", &record.explained_variance, synergy.explained_variance())?;
         check_derived("contribution", &record.contribution, synergy.contribution())?;
@@ -89,7 +135,28 @@ impl SynergyFile {
         if let Some(actuation) = &record.actuation {
             check_actuation(actuation, synergy.n_joints())?;
         }
-        Ok(SynergyFile { hand: record.hand, synergy, actuation: record.actuation, provenance: record.provenance })
+        if let Some(map) = &record.joint_map {
+            map.check(synergy.n_components())?;
+        }
+        let recommended = match (record.recommended_components, record.recommended_reason) {
+            (Some(components), Some(reason)) if (1..=synergy.n_components()).contains(&components) => {
+                Some(Recommended { components, reason })
+            }
+            (None, None) => None,
+            (components, _) => {
+                let expected = format!("1 to {}, with recommended_reason", synergy.n_components());
+                return Err(SynergyError::invalid("recommended_components", expected, format!("{components:?}")));
+            }
+        };
+        Ok(SynergyFile {
+            hand: record.hand,
+            space: record.space,
+            synergy,
+            joint_map: record.joint_map,
+            actuation: record.actuation,
+            recommended,
+            provenance: record.provenance,
+        })
     }
 
     /// Reads a file.
@@ -103,14 +170,25 @@ impl SynergyFile {
     }
 }
 
-const HEADER: &str = "\
-# A postural synergy: a few coefficients z describe the whole posture q of a hand.
+const COMMANDS_HEADER: &str = "\
+# A control synergy: a few numbers z command all actuators u of a hand, from the open hand to the grasp.
+#   decode   u = mean + z components, clamped to the actuators' ranges
+#   encode   z = (u - mean) components^T
+#   joints   q = mean + z matrix, clamped to the joints' limits: where the hand then is (section [joint_map])
+# To use fewer numbers, use the first rows only.
+";
+
+const POSTURES_HEADER: &str = "\
+# A postural synergy: a few coefficients z describe the whole posture q of a hand at the end of a grasp.
 #   decode   q = mean + z components, clamped to the joints' limits
 #   encode   z = (q - mean) components^T
 #   command  ctrl = matrix q + offset, clamped to the control ranges (section [actuation])
+";
+
+const HEADER: &str = "\
 # `components` has orthonormal rows; in each, the first entry of the largest absolute value is positive.
-# `explained_variance` is the sample variance along each row, `contribution` its share of `total_variance`.
-# All of them describe the `n_postures` postures in postures.npy.
+# `explained_variance` is the sample variance along each row, `contribution` its share of `total_variance`,
+# `coefficient_min` and `coefficient_max` the range of z over the samples, which lie beside this file as NPY.
 
 ";
 
@@ -122,8 +200,14 @@ struct SchemaOnly {
 #[derive(Deserialize)]
 struct SynergyRecord {
     hand: String,
-    n_postures: usize,
-    joints: Vec<JointInfo>,
+    space: Space,
+    n_postures: Option<usize>,
+    n_commands: Option<usize>,
+    recommended_components: Option<usize>,
+    recommended_reason: Option<String>,
+    joints: Option<Vec<JointInfo>>,
+    actuators: Option<Vec<JointInfo>>,
+    joint_map: Option<JointMap>,
     mean: Vec<f64>,
     components: Vec<Vec<f64>>,
     explained_variance: Vec<f64>,

@@ -12,10 +12,18 @@ use crate::SynergyError;
 /// [`SynergyError::Joints`] when there is no joint, a name is empty or occurs twice, a limit is NaN, or a lower limit
 /// is above its upper one.
 pub(crate) fn check_joints(joints: &[JointInfo]) -> Result<(), SynergyError> {
-    let fail = |message: String| Err(SynergyError::Joints { message });
     if joints.is_empty() {
-        return fail("a posture needs at least one joint".to_owned());
+        return Err(SynergyError::Joints { message: "a posture needs at least one joint".to_owned() });
     }
+    check_coordinates(joints)
+}
+
+/// Checks the names and limits of a list of joints or actuators, which may be empty.
+///
+/// # Errors
+/// As [`check_joints`].
+pub(crate) fn check_coordinates(joints: &[JointInfo]) -> Result<(), SynergyError> {
+    let fail = |message: String| Err(SynergyError::Joints { message });
     let mut seen = HashSet::new();
     for joint in joints {
         let JointInfo { name, lower, upper, .. } = joint;

@@ -1,6 +1,6 @@
 //! Joints and postures for the tests.
 
-use eigenhand_synergy::{ActuationMap, JointInfo, Synergy, SynergyFile, Unit};
+use eigenhand_synergy::{ActuationMap, JointInfo, Recommended, Space, Synergy, SynergyFile, Unit};
 
 /// Returns `n` joints with wide limits, and with names that file formats must escape.
 pub fn joints(n: usize) -> Vec<JointInfo> {
@@ -41,7 +41,10 @@ pub fn file(n_postures: usize, n: usize, k: usize) -> (SynergyFile, Vec<Vec<f64>
     let postures = postures(n_postures, n);
     let file = SynergyFile {
         hand: "a \"hand\" of ünusual name".to_owned(),
+        space: Space::Postures,
         synergy: Synergy::fit(&joints(n), &postures, k).unwrap(),
+        joint_map: None,
+        recommended: Some(Recommended { components: 1, reason: "one is \"enough\"".to_owned() }),
         actuation: Some(ActuationMap {
             actuators: vec!["pull".to_owned(), "push\t1".to_owned()],
             control_min: vec![-0.1, f64::NEG_INFINITY],

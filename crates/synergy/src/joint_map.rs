@@ -1,0 +1,118 @@
+//! The joint positions to which the commands of a control synergy lead.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use serde::{Deserialize, Serialize};
+
+use crate::joint::{check_joints, check_posture};
+use crate::pca::check_numbers;
+use crate::{JointInfo, Synergy, SynergyError};
+
+/// The affine map `q = clamp(mean + z matrix)` from a synergy's coefficients to joint positions.
+///
+/// Commands alone do not tell where a hand is: contacts stop its fingers. This map is the least-squares fit to measured
+/// postures.
+///
+/// # Shapes
+/// For `k` coefficients and `n` joints: `mean` n, `matrix` k x n.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct JointMap {
+    /// The joints, with units and limits.
+    pub joints: Vec<JointInfo>,
+    /// The joint positions at coefficients of zero.
+    pub mean: Vec<f64>,
+    /// The change of the joint positions with each coefficient.
+    pub matrix: Vec<Vec<f64>>,
+}
+
+/// Ridge of the fit, relative to the mean variance of the coefficients: directions that hardly vary get no slope.
+const RIDGE: f64 = 1e-9;
+
+impl JointMap {
+    /// Fits the map to commands and to the postures measured beside them.
+    ///
+    /// # Errors
+    /// Lists of different lengths, fewer than two samples, or a posture of the wrong length or with a number that is not
+    /// finite.
+    pub fn fit<C: AsRef<[f64]>, P: AsRef<[f64]>>(
+        synergy: &Synergy,
+        commands: &[C],
+        joints: &[JointInfo],
+        postures: &[P],
+    ) -> Result<JointMap, SynergyError> {
+        check_joints(joints)?;
+        if commands.len() != postures.len() || commands.len() < 2 {
+            let expected = format!("{}, at least 2", commands.len());
+            return Err(SynergyError::invalid("number of postures", expected, postures.len()));
+        }
+        for (row, posture) in postures.iter().enumerate() {
+            check_posture(posture.as_ref(), joints.len(), row)?;
+        }
+        let (n_samples, k, n) = (commands.len(), synergy.n_components(), joints.len());
+        let coefficients: Vec<Vec<f64>> = commands.iter().map(|command| synergy.encode(command.as_ref())).collect();
+        let mean_of = |values: &dyn Fn(usize) -> f64| (0..n_samples).map(values).sum::<f64>() / n_samples as f64;
+        let z_mean: Vec<f64> = (0..k).map(|i| mean_of(&|row| coefficients[row][i])).collect();
+        let q_mean: Vec<f64> = (0..n).map(|j| mean_of(&|row| postures[row].as_ref()[j])).collect();
+        let z = Mat::from_fn(n_samples, k, |row, i| coefficients[row][i] - z_mean[i]);
+        let q = Mat::from_fn(n_samples, n, |row, j| postures[row].as_ref()[j] - q_mean[j]);
+        let mut gram = z.transpose() * &z;
+        let ridge = RIDGE * (0..k).map(|i| gram[(i, i)]).sum::<f64>() / k as f64 + f64::MIN_POSITIVE;
+        for i in 0..k {
+            gram[(i, i)] += ridge;
+        }
+        let factors = gram.llt(faer::Side::Lower).map_err(|_| SynergyError::Decomposition { what: "joint map" })?;
+        let slopes = factors.solve(z.transpose() * &q);
+        let matrix: Vec<Vec<f64>> = (0..k).map(|i| (0..n).map(|j| slopes[(i, j)]).collect()).collect();
+        // The coefficients of the samples have the mean 0 up to rounding; this line makes the map exact for any.
+        let at_zero = |j: usize| q_mean[j] - (0..k).map(|i| z_mean[i] * matrix[i][j]).sum::<f64>();
+        Ok(JointMap { joints: joints.to_vec(), mean: (0..n).map(at_zero).collect(), matrix })
+    }
+
+    /// Returns the joint positions of a set of coefficients, clamped to the joints' limits.
+    ///
+    /// # Panics
+    /// When `coefficients` does not have one number for each row of the matrix.
+    pub fn decode(&self, coefficients: &[f64]) -> Vec<f64> {
+        assert_eq!(coefficients.len(), self.matrix.len(), "one coefficient for each component is needed");
+        let mut posture = self.mean.clone();
+        for (row, z) in self.matrix.iter().zip(coefficients) {
+            posture.iter_mut().zip(row).for_each(|(q, slope)| *q += z * slope);
+        }
+        posture.iter().zip(&self.joints).map(|(q, joint)| joint.clamp(*q)).collect()
+    }
+
+    pub(crate) fn check(&self, k: usize) -> Result<(), SynergyError> {
+        check_joints(&self.joints)?;
+        check_numbers("joint_map.mean", &self.mean, self.joints.len())?;
+        if self.matrix.len() != k {
+            return Err(SynergyError::invalid("rows of joint_map.matrix", k.to_string(), self.matrix.len()));
+        }
+        let rows = self.matrix.iter().enumerate();
+        rows.map(|(i, row)| check_numbers(&format!("joint_map.matrix[{i}]"), row, self.joints.len())).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Unit;
+
+    #[test]
+    fn the_map_of_joints_that_follow_their_commands_is_exact() {
+        let joint = |name: &str| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -2.0, upper: 2.0 };
+        let commands: Vec<[f64; 3]> = (0..50)
+            .map(|i| [f64::from(i).sin(), 0.5 * f64::from(i).sin() + 0.3 * f64::from(i * i).cos(), 0.7])
+            .collect();
+        let follow = |u: &[f64]| vec![0.5 * u[0] + 0.1, u[1] - u[0], u[2], 3.0 * u[0]];
+        let postures: Vec<Vec<f64>> = commands.iter().map(|u| follow(u)).collect();
+        let synergy = Synergy::fit(&["u", "v", "w"].map(joint), &commands, 2).unwrap();
+        let map = JointMap::fit(&synergy, &commands, &["a", "b", "c", "d"].map(joint), &postures).unwrap();
+        for command in [[0.3, -0.2, 0.7], [-0.5, 0.1, 0.7]] {
+            let found = map.decode(&synergy.encode(&command));
+            for ((found, expected), joint) in found.iter().zip(follow(&command)).zip(&map.joints) {
+                assert!((found - joint.clamp(expected)).abs() < 1e-6, "{found} {expected}");
+            }
+        }
+        assert!(JointMap::fit(&synergy, &commands[..9], &["a"].map(joint), &postures).is_err());
+    }
+}
