@@ -5,7 +5,7 @@
 
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_rl::{ActorChoice, Batch, ExplorationConfig, rng, sample_batch};
+use eigenhand_rl::{ActorChoice, Batch, Ddpg, Dimensions, ExplorationConfig, rng, sample_batch};
 use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
 use eigenhand_synergy::Synergy;
 use eigenhand_train::config::RunConfig;
@@ -109,8 +109,8 @@ fn of_episodes(
     let task = task_of(&config, hand, library)?;
     let mut env = GraspEnv::new(&task)?;
     let mut random = rng::stream(config.seed, "init", 0);
-    let sizes = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
-    let learner = eigenhand_rl::Ddpg::new(config.learner.clone(), sizes.0, sizes.1, sizes.2, &mut random)?;
+    let sizes = Dimensions::of(episode_shape(&task));
+    let learner = Ddpg::new(config.learner.clone(), sizes, &mut random)?;
     let noisy = ExplorationConfig { noise_free_share: 0.0, ..config.exploration.clone() };
     let mut job = EpisodeJob {
         seed: config.seed,
@@ -119,6 +119,7 @@ fn of_episodes(
         scene: Some(0),
         policy: learner.policy(ActorChoice::Online),
         behaviour: Behaviour::Explore(noisy.into()),
+        confinement: None,
     };
     let mut scratch = job.policy.scratch();
     run_episode(&mut env, &mut scratch, &job)?;

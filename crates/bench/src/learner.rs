@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use eigenhand_rl::{
-    Batch, Ddpg, DdpgConfig, EpisodeData, EpisodeShape, HerConfig, Mlp, OutputActivation, Replay, RewardFn, rng,
+    Batch, Ddpg, DdpgConfig, Dimensions, EpisodeData, EpisodeShape, HerConfig, Mlp, OutputActivation, Replay, RewardFn, rng,
     sample_batch,
 };
 use eigenhand_sim::StepFacts;
@@ -101,7 +101,7 @@ impl Bench {
             replay.push(episode)?;
         }
         let batch = Batch::new(config.batch_size, shape);
-        let mut learner = Ddpg::new(config, shape.obs_dim, shape.goal_dim, shape.act_dim, &mut random)?;
+        let mut learner = Ddpg::new(config, Dimensions::of(shape), &mut random)?;
         for episode in replay.episodes() {
             learner.update_normalizers(&episode.observations, &episode.achieved_goals);
         }

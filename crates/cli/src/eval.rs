@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use eigenhand_train::{Assessment, FinishedRun};
+use eigenhand_train::{Assessment, Driven, Drive, FinishedRun};
 
 use crate::output::{Outcome, percent, print, print_json, table};
 use crate::{search_path, setup};
@@ -22,6 +22,12 @@ pub struct Args {
     /// Seed of the episodes
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+    /// Measures success with so many numbers instead of all joints, for example 0..8
+    #[arg(long, value_name = "FROM..TO", value_parser = parse_range)]
+    components: Option<(usize, usize)>,
+    /// First steps of an episode in which all joints are free
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "components")]
+    free_steps: usize,
     /// Threads that simulate; 0 means one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: usize,
@@ -55,6 +61,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             if args.assignments.is_empty() { "" } else { ", with " },
             args.assignments.join(", ")
         );
+    }
+    if let Some((from, to)) = args.components {
+        let progress = |row: &Driven| {
+            if !args.json {
+                eprintln!("with {} numbers: {}", row.components, percent(row.success_rate));
+            }
+        };
+        let found = run.drive(from..=to, args.free_steps, args.episodes, args.seed, workers, progress)?;
+        if args.json { print_json(&found)? } else { print(&describe_driven(&found))? }
+        return Ok(Outcome::Done);
     }
     let found = run.evaluate(args.episodes, args.seed, workers)?;
     if args.json {
@@ -94,4 +110,33 @@ fn describe(found: &Assessment) -> String {
         text.push_str(&format!("{} episodes diverged and count as failures\n", found.diverged));
     }
     text
+}
+
+fn describe_driven(found: &Drive) -> String {
+    let heads = ["numbers", "success", "95 % interval", "random directions", "share of the variance"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    let interval = |[low, high]: [f64; 2]| format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high);
+    for row in &found.rows {
+        let name = if row.components == 0 { "0 (constant)".to_owned() } else { row.components.to_string() };
+        let random = row.random_success_rate.map_or_else(|| "-".to_owned(), percent);
+        rows.push(vec![name, percent(row.success_rate), interval(row.interval), random, percent(row.variance_share)]);
+    }
+    let all = "all joints".to_owned();
+    rows.push(vec![all, percent(found.success_rate), interval(found.interval), "-".to_owned(), percent(1.0)]);
+    let mut text = table(&rows);
+    match found.k_for_95 {
+        Some(1) => text.push_str("one number is within 5 points of all joints\n"),
+        Some(k) => text.push_str(&format!("{k} numbers are within 5 points of all joints\n")),
+        None => {}
+    }
+    text
+}
+
+fn parse_range(text: &str) -> Result<(usize, usize), String> {
+    let number = |part: &str| part.trim().parse::<usize>().map_err(|_| format!("{part:?} is not a whole number"));
+    let (from, to) = match text.split_once("..") {
+        Some((from, to)) => (number(from)?, number(to.trim_start_matches('='))?),
+        None => (number(text)?, number(text)?),
+    };
+    if from <= to { Ok((from, to)) } else { Err(format!("{from} is greater than {to}")) }
 }

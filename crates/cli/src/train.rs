@@ -302,11 +302,16 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
         }
         None => line("success", "not evaluated, because the run was interrupted"),
     }
+    for (i, k) in driven_rows(summary).into_iter().enumerate() {
+        let rate = percent(summary.success_with_components[k]);
+        let note = if k == 0 { " (a constant command)" } else { "" };
+        line(if i == 0 { "driven" } else { "" }, &format!("with {}: {rate}{note}", counted(k as u64, "number")));
+    }
     match (summary.contribution_sum, summary.mean_error_rad) {
         (Some(sum), Some(error)) => {
             let rates: Vec<String> = summary.contribution.iter().map(|rate| format!("{:.1}", 100.0 * rate)).collect();
             line(
-                "synergy",
+                "postures",
                 &format!(
                     "{} components of {}: {} = {:.1} % of the variance, mean error {error:.3} rad",
                     rates.len(),
@@ -316,7 +321,7 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
                 ),
             );
         }
-        _ => line("synergy", &format!("none: too few postures ({})", summary.n_postures)),
+        _ => line("postures", &format!("{}: too few, or too little success, for an analysis", summary.n_postures)),
     }
     if summary.diverged_episodes > 0 {
         line("diverged", &format!("{}, discarded", counted(summary.diverged_episodes, "episode")));
@@ -326,16 +331,27 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     }
     let run = plan.run.display().to_string();
     line("files", &format!("{run}/"));
+    if plan.run.join("synergy").is_dir() {
+        line("", "  synergy/                      the synergy that drives the hand, as TOML and NPY");
+    }
     if summary.contribution_sum.is_some() {
-        line("", "  synergy/                      the synergy as TOML and NPY");
+        line("", "  synergy-postures/             the synergy of the grasps' end postures");
     }
     line("", "  policy.safetensors, .toml     the policy, and how to run it");
     line("", "  scenes/                       scenes for plain MuJoCo");
     line("", "  postures.sqlite               the posture database");
     line("", "  metrics.csv, summary.json     learning curves, and results");
     if summary.stopped_by == StoppedBy::Episodes {
-        line("next", &program::line(&format!("eval {run}{plugins}")));
+        line("next", &program::line(&format!("eval {run}{plugins} --components 0..8")));
         line("", &program::line(&format!("export {run}{plugins} --out my-{}", plan.hand)));
     }
     text
+}
+
+/// Returns the numbers of components whose success is worth a line: a constant command, one, two, and as configured.
+fn driven_rows(summary: &Summary) -> Vec<usize> {
+    let mut rows = vec![0, 1, 2, summary.components];
+    rows.dedup();
+    rows.retain(|&k| k < summary.success_with_components.len());
+    rows
 }

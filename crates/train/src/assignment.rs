@@ -3,10 +3,12 @@
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
+use eigenhand_rl::Dimensions;
 use eigenhand_sim::GraspTask;
 
 use crate::config::RunConfig;
 use crate::provenance::Provenance;
+use crate::rollout::episode_shape;
 use crate::run_dir::RunDirectory;
 
 /// Everything that a run is trained with.
@@ -24,8 +26,8 @@ pub struct Assignment {
 }
 
 impl Assignment {
-    /// Returns the lengths of an observation, a goal and an action.
-    pub(crate) fn dimensions(&self) -> [usize; 3] {
-        [self.task.observation_len(), GraspTask::GOAL_LEN, self.task.action_len()]
+    /// Returns the sizes of the learner.
+    pub(crate) fn dimensions(&self) -> Dimensions {
+        Dimensions::of(episode_shape(&self.task))
     }
 }

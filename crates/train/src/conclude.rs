@@ -3,12 +3,16 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use eigenhand_rl::Policy;
-use eigenhand_synergy::Synergy;
+use eigenhand_synergy::{MotionRecord, Recommended, Synergy};
 
 use crate::assignment::Assignment;
+use crate::control::control_space;
+use crate::drive::{Driver, MOST_COMPONENTS, fewest_components};
 use crate::error::TrainError;
-use crate::evaluation::{Evaluation, EvaluationStream, evaluate};
-use crate::products::{Products, write_products};
+use crate::evaluation::{Evaluation, EvaluationStream, evaluate, simulate};
+use crate::metrics::TRUSTED;
+use crate::motion::motions;
+use crate::products::{ControlProduct, Products, write_products};
 use crate::progress::Progress;
 use crate::summary::{StoppedBy, Summary};
 use crate::trainer::Trainer;
@@ -26,7 +30,8 @@ impl Trainer {
             if self.finalists.list().len() > 1 {
                 progress.note(&format!("comparing the {} best policies", self.finalists.list().len()));
             }
-            progress.note(&format!("final evaluation: {} new episodes", evaluations.final_episodes));
+            let episodes = evaluations.final_episodes;
+            progress.note(&format!("final evaluation: {episodes} new episodes, with all joints and with 0 to {MOST_COMPONENTS} numbers"));
         }
         progress.finish();
         self.conclude(complete)
@@ -35,19 +40,42 @@ impl Trainer {
     /// Chooses the policy, evaluates it if the run is `complete`, and writes products and summary.
     fn conclude(mut self, complete: bool) -> Result<Summary, TrainError> {
         let (policy, policy_episode) = self.choose_policy(complete)?;
-        let evaluation = if complete {
+        let motions = self.motions_of(&policy, complete)?;
+        let actuators = &self.control.actuators;
+        let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
+        let space = control_space(&actuators.coordinates, &motions, most)?;
+        let mut evaluation = None;
+        let mut success_with_components = Vec::new();
+        if complete {
             let episodes = self.assignment.config.evaluation.final_episodes;
-            Some(self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?)
-        } else {
-            None
-        };
+            evaluation = Some(self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?);
+            if let Some(space) = &space {
+                let Assignment { config, task, .. } = &self.assignment;
+                let actuators = &self.control.actuators;
+                let driver = Driver { task, policy: &policy, actuators, space, free_steps: 0 };
+                success_with_components =
+                    driver.measure_each(&mut self.pool, config.seed, EvaluationStream::Final, episodes)?;
+            }
+        }
         let wall_s = self.wall_s();
-        let Trainer { assignment, pool, reward, postures, counters, .. } = self;
+        let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
         // The export simulates too. Besides replay, the threads' simulations take most of the memory.
         drop(pool);
         let Assignment { config, provenance, hand, task, run } = &assignment;
+        let evaluation = evaluation.as_ref();
+        let success_rate = evaluation.map(Evaluation::success_rate);
         let synergy = reward.feedback.synergy();
         let postures = postures.newest();
+        let recommended = success_rate.and_then(|all| {
+            let components = fewest_components(&success_with_components, all)?;
+            let reason = format!(
+                "with {components} numbers {:.1} % of {} episodes succeed, with all joints {:.1} %",
+                100.0 * success_with_components[components],
+                evaluation.map_or(0, |e| e.all.episodes),
+                100.0 * all
+            );
+            (components <= config.synergy.components).then_some(Recommended { components, reason })
+        });
         let products = Products {
             hand,
             task,
@@ -55,11 +83,19 @@ impl Trainer {
             provenance,
             policy: &policy,
             policy_episode: Some(policy_episode),
+            control: ControlProduct::of(
+                &control.actuators,
+                &task.posture_joints,
+                &motions,
+                config.synergy.components,
+                recommended,
+            )?,
             synergy,
             postures,
         };
         write_products(&products, run.path())?;
-        let evaluation = evaluation.as_ref();
+        // Below this success, the postures say little about what the policy can do.
+        let trusted = synergy.filter(|_| success_rate.or(counters.last_evaluation).is_some_and(|s| s >= TRUSTED));
         let summary = Summary {
             schema: 1,
             hand: hand.manifest.name.clone(),
@@ -70,17 +106,20 @@ impl Trainer {
             env_steps: counters.env_steps,
             updates: counters.updates,
             wall_s,
-            success_rate: evaluation.map(Evaluation::success_rate),
+            success_rate,
             success_rate_per_object: evaluation.map(Evaluation::success_rate_per_object).unwrap_or_default(),
             eval_episodes: evaluation.map_or(0, |e| e.all.episodes),
             eval_successes: evaluation.map(|e| e.all.successes),
+            components: config.synergy.components,
+            k_for_95: success_rate.and_then(|all| fewest_components(&success_with_components, all)),
+            success_with_components,
             mean_penetration_m: evaluation.map(|e| e.mean_penetration),
             policy_episode,
             last_evaluation: counters.last_evaluation,
             n_postures: counters.postures,
-            contribution: synergy.map(|s| s.contribution().to_vec()).unwrap_or_default(),
-            contribution_sum: synergy.map(Synergy::contribution_sum),
-            mean_error_rad: synergy.map(|s| s.mean_error(postures)),
+            contribution: trusted.map(|s| s.contribution().to_vec()).unwrap_or_default(),
+            contribution_sum: trusted.map(Synergy::contribution_sum),
+            mean_error_rad: trusted.map(|s| s.mean_error(postures)),
             diverged_episodes: counters.diverged,
             buffer_warnings: counters.buffer_warnings,
             eval_warnings: evaluation.map(|e| e.warnings).unwrap_or_default(),
@@ -89,6 +128,18 @@ impl Trainer {
         };
         summary.write(run.path())?;
         Ok(summary)
+    }
+
+    /// Returns the motions that the exported control synergy describes: those of the run's policy on episodes of their own,
+    /// or of the newest training episodes if the run is not complete.
+    fn motions_of(&mut self, policy: &Policy, complete: bool) -> Result<Vec<MotionRecord>, TrainError> {
+        if !complete {
+            return Ok(self.control.newest(self.counters.episodes).to_vec());
+        }
+        let Assignment { config, task, .. } = &self.assignment;
+        let (seed, episodes) = (config.seed, 0..config.evaluation.selection_episodes);
+        let found = simulate(&mut self.pool, task, policy, seed, EvaluationStream::Motion, episodes, None)?;
+        Ok(motions(&found, &self.control.actuators, task))
     }
 
     /// Chooses the run's policy, and returns it with the number of training episodes before it.
@@ -118,6 +169,6 @@ impl Trainer {
         episodes: u64,
     ) -> Result<Evaluation, TrainError> {
         let Assignment { config, task, .. } = &self.assignment;
-        evaluate(&mut self.pool, task, policy, config.seed, stream, episodes)
+        evaluate(&mut self.pool, task, policy, config.seed, stream, 0..episodes)
     }
 }

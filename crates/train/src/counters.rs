@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use eigenhand_mujoco::WarningCounts;
 use eigenhand_rl::UpdateStats;
+use eigenhand_synergy::Source;
 use serde::{Deserialize, Serialize};
 
 use crate::config::HELD_WINDOW;
@@ -117,7 +118,7 @@ impl Counters {
         self.env_steps += episode.data.shape.n_steps as u64;
         self.updates_owed += updates_per_episode;
         push_newest(&mut self.held_steps, episode.held_steps, HELD_WINDOW);
-        if episode.greedy {
+        if episode.source == Source::Policy {
             push_newest(&mut self.recent, episode.success, RECENT);
         }
     }

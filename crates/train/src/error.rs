@@ -38,6 +38,12 @@ pub enum TrainError {
     /// A file could not be read or written.
     #[error(transparent)]
     File(#[from] FileError),
+    /// A run's policy hardly ever succeeds, so its commands have no synergy.
+    #[error("the policy of {} succeeded in none of the episodes that show how it moves, so there is no synergy; train longer", run.display())]
+    NoMotions {
+        /// The run's directory.
+        run: PathBuf,
+    },
     /// A thread could not be started.
     #[error("cannot start a thread")]
     Thread {

@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
+use std::ops::Range;
 
 use eigenhand_mujoco::WarningCounts;
 use eigenhand_rl::Policy;
 use eigenhand_sim::GraspTask;
 
 use crate::error::TrainError;
-use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool};
+use crate::rollout::{Behaviour, Confinement, Episode, EpisodeJob, WorkerPool};
 
 /// Family of random streams for the episodes of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -17,6 +18,8 @@ pub enum EvaluationStream {
     Periodic,
     /// Episodes for the comparison of the finalists.
     Selection,
+    /// Episodes whose motions the exported control synergy describes.
+    Motion,
     /// Episodes that no training and no other evaluation uses.
     Final,
     /// Episodes of an evaluation after training; no training uses them.
@@ -28,6 +31,7 @@ impl EvaluationStream {
         match self {
             EvaluationStream::Periodic => "evaluate",
             EvaluationStream::Selection => "select",
+            EvaluationStream::Motion => "motion",
             EvaluationStream::Final => "final",
             EvaluationStream::Separate => "separate",
         }
@@ -44,7 +48,7 @@ pub struct Tally {
 }
 
 impl Tally {
-    fn of<'a>(episodes: impl Iterator<Item = &'a Episode>) -> Tally {
+    pub(crate) fn of<'a>(episodes: impl Iterator<Item = &'a Episode>) -> Tally {
         episodes.fold(Tally::default(), |tally, episode| Tally {
             episodes: tally.episodes + 1,
             successes: tally.successes + u64::from(episode.success),
@@ -96,7 +100,7 @@ impl fmt::Display for Evaluation {
     }
 }
 
-/// Runs `episodes` episodes; the objects take turns.
+/// Runs the episodes of these numbers; the objects take turns.
 ///
 /// # Errors
 /// As [`WorkerPool::collect`].
@@ -106,20 +110,38 @@ pub fn evaluate(
     policy: &Policy,
     seed: u64,
     stream: EvaluationStream,
-    episodes: u64,
+    episodes: Range<u64>,
 ) -> Result<Evaluation, TrainError> {
-    pool.submit((0..episodes).map(|index| EpisodeJob {
+    Ok(summarise(task, &simulate(pool, task, policy, seed, stream, episodes, None)?))
+}
+
+/// Simulates the same episodes, with a further map on the policy's actions.
+///
+/// # Errors
+/// As [`WorkerPool::collect`].
+pub(crate) fn simulate(
+    pool: &mut WorkerPool,
+    task: &GraspTask,
+    policy: &Policy,
+    seed: u64,
+    stream: EvaluationStream,
+    episodes: Range<u64>,
+    confinement: Option<Confinement>,
+) -> Result<Vec<Episode>, TrainError> {
+    pool.submit(episodes.map(|index| EpisodeJob {
         seed,
         stream: stream.name(),
         index,
         scene: Some((index % task.scenes.len() as u64) as usize),
         policy: policy.clone(),
         behaviour: Behaviour::Greedy,
+        confinement: confinement.clone(),
     }))?;
-    Ok(summarise(task, &pool.collect()?))
+    pool.collect()
 }
 
-fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
+/// Returns the result of evaluation episodes.
+pub(crate) fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
     let mean = |values: &mut dyn Iterator<Item = f64>| {
         let (count, sum) = values.fold((0u64, 0.0), |(count, sum), value| (count + 1, sum + value));
         sum / count.max(1) as f64

@@ -34,6 +34,11 @@ impl Finalists {
         self.best.truncate(most);
     }
 
+    /// Keeps the finalists for which `good` holds.
+    pub fn retain(&mut self, good: impl FnMut(&Finalist) -> bool) {
+        self.best.retain(good);
+    }
+
     /// Returns all finalists, the best first.
     pub fn list(&self) -> &[Finalist] {
         &self.best

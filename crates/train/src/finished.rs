@@ -1,5 +1,6 @@
 //! A finished run: read from its directory, evaluated and exported.
 
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -13,9 +14,13 @@ use eigenhand_synergy::{PostureDatabase, Synergy, newest};
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
 use crate::error::TrainError;
-use crate::evaluation::{EvaluationStream, Tally, evaluate};
+use crate::actuators::HandActuators;
+use crate::control::control_space;
+use crate::drive::{Drive, Driven, Driver, is_nearly};
+use crate::evaluation::{EvaluationStream, Tally, evaluate, simulate};
 use crate::hands::{check_digest, hand_named};
-use crate::products::{POLICY, POLICY_TEXT, Products, write_products};
+use crate::products::{ControlProduct, POLICY, POLICY_TEXT, Products, SYNERGY, write_products};
+use crate::motion::motions;
 use crate::provenance::Provenance;
 use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
@@ -79,7 +84,7 @@ impl FinishedRun {
     /// [`TrainError::Sim`], or [`TrainError::WorkerLost`].
     pub fn evaluate(&self, episodes: u64, seed: u64, workers: usize) -> Result<Assessment, TrainError> {
         let mut pool = WorkerPool::new(&self.task, workers)?;
-        let found = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, episodes)?;
+        let found = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, 0..episodes)?;
         let Tally { episodes, successes } = found.all;
         Ok(Assessment {
             run: self.directory.clone(),
@@ -99,6 +104,49 @@ impl FinishedRun {
         })
     }
 
+    /// Measures the success of the policy when its commands are projected on few numbers.
+    ///
+    /// # Errors
+    /// [`TrainError::Sim`], or [`TrainError::WorkerLost`].
+    pub fn drive(
+        &self,
+        components: RangeInclusive<usize>,
+        free_steps: usize,
+        episodes: u64,
+        seed: u64,
+        workers: usize,
+        mut each: impl FnMut(&Driven),
+    ) -> Result<Drive, TrainError> {
+        let mut pool = WorkerPool::new(&self.task, workers)?;
+        let actuators = HandActuators::of(&self.hand, &self.task);
+        // The same episodes and so the same space as that of the export, with all of its components.
+        let (config_seed, motion_episodes) = (self.config.seed, 0..self.config.evaluation.selection_episodes);
+        let stream = EvaluationStream::Motion;
+        let found = simulate(&mut pool, &self.task, &self.policy, config_seed, stream, motion_episodes, None)?;
+        let motions = motions(&found, &actuators, &self.task);
+        let Some(space) = control_space(&actuators.coordinates, &motions, actuators.coordinates.len())? else {
+            return Err(TrainError::NoMotions { run: self.directory.clone() });
+        };
+        let driver = Driver { task: &self.task, policy: &self.policy, actuators: &actuators, space: &space, free_steps };
+        let mut rows = Vec::new();
+        for k in components.filter(|&k| k <= space.n_components()) {
+            let row = driver.measure(&mut pool, k, seed, EvaluationStream::Separate, episodes, true)?;
+            each(&row);
+            rows.push(row);
+        }
+        let free = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, 0..episodes)?;
+        let nearly = |row: &&Driven| row.components > 0 && is_nearly(row.success_rate, free.success_rate());
+        Ok(Drive {
+            episodes,
+            seed,
+            free_steps,
+            k_for_95: rows.iter().find(nearly).map(|row| row.components),
+            rows,
+            success_rate: free.success_rate(),
+            interval: wilson_interval(free.all.successes, free.all.episodes),
+        })
+    }
+
     /// Runs episodes of the policy in a scene until one succeeds, at most `tries`, and returns the environment at the
     /// end of this episode; none if no episode succeeded.
     ///
@@ -115,6 +163,7 @@ impl FinishedRun {
                 scene: Some(scene),
                 policy: self.policy.clone(),
                 behaviour: Behaviour::Greedy,
+                confinement: None,
             };
             if run_episode(&mut env, &mut scratch, &job)?.success {
                 return Ok(Some(env));
@@ -128,7 +177,7 @@ impl FinishedRun {
     /// # Errors
     /// [`TrainError::Synergy`] for the posture database.
     pub fn synergy(&self) -> Result<(Option<Synergy>, Vec<Vec<f64>>), TrainError> {
-        let postures = PostureDatabase::open_existing(self.directory.join(DATABASE))?.postures()?;
+        let postures = PostureDatabase::open_existing(self.directory.join(DATABASE))?.policy_postures()?;
         let config = &self.config.synergy;
         let joints = &self.task.posture_joints;
         let synergy = Synergy::fit_newest(joints, &postures, config.components, config.window)?;
@@ -149,6 +198,8 @@ impl FinishedRun {
             return Err(TrainError::ExportExists { path: out.to_owned() });
         }
         let (synergy, postures) = self.synergy()?;
+        let control = self.directory.join(SYNERGY);
+        let control = if control.exists() { Some(ControlProduct::read(&control)?) } else { None };
         let products = Products {
             hand: &self.hand,
             task: &self.task,
@@ -156,6 +207,7 @@ impl FinishedRun {
             provenance: &self.provenance,
             policy: &self.policy,
             policy_episode: Summary::read(&self.directory)?.map(|summary| summary.policy_episode),
+            control,
             synergy: synergy.as_ref(),
             postures: &postures,
         };

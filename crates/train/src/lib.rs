@@ -5,10 +5,13 @@
 //! [`reproduce`] trains several runs, each in its own process.
 #![forbid(unsafe_code)]
 
+mod actuators;
 mod assessment;
 mod assignment;
 mod checkpoint;
 mod conclude;
+mod control;
+mod drive;
 pub mod config;
 mod counters;
 mod error;
@@ -21,6 +24,7 @@ mod hands;
 mod journal;
 mod logging;
 mod metrics;
+mod motion;
 mod postures;
 mod products;
 mod progress;
@@ -39,6 +43,7 @@ mod trainer;
 
 pub use assessment::{Assessment, ObjectScore, wilson_interval};
 pub use assignment::Assignment;
+pub use drive::{Drive, Driven};
 pub use error::TrainError;
 pub use evaluation::{Evaluation, EvaluationStream, Tally, evaluate};
 pub use finished::FinishedRun;

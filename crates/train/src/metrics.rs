@@ -14,6 +14,9 @@ use crate::evaluation::Evaluation;
 /// Name of the file in a run directory.
 pub const METRICS: &str = "metrics.csv";
 
+/// Least success of a policy whose postures are worth an analysis.
+pub(crate) const TRUSTED: f64 = 0.2;
+
 /// The first column; it identifies the row.
 const EPISODE: &str = "episode";
 
@@ -33,6 +36,8 @@ pub struct MetricsRow {
     pub wall_s: Option<f64>,
     /// Share of the evaluation's episodes that succeeded.
     pub success_rate: Option<f64>,
+    /// Share of the same episodes that succeed when the commands are projected on the control synergy.
+    pub success_with_components: Option<f64>,
     /// Success rate with each object, by its name.
     pub success_rate_per_object: BTreeMap<String, Option<f64>>,
     /// Mean distance between object and goal at the end, in m.
@@ -75,9 +80,11 @@ impl MetricsRow {
     pub(crate) fn of(
         counters: &Counters,
         evaluation: &Evaluation,
+        success_with_components: Option<f64>,
         synergy: Option<&Synergy>,
         components: usize,
     ) -> MetricsRow {
+        let synergy = synergy.filter(|_| evaluation.success_rate() >= TRUSTED);
         let Counters { sums, .. } = counters;
         let error = synergy.filter(|_| !evaluation.postures.is_empty()).map(|s| s.mean_error(&evaluation.postures));
         let rates = evaluation.success_rate_per_object().into_iter();
@@ -87,6 +94,7 @@ impl MetricsRow {
             updates: Some(counters.updates as f64),
             wall_s: Some(counters.wall_s),
             success_rate: Some(evaluation.success_rate()),
+            success_with_components,
             success_rate_per_object: rates.map(|(object, rate)| (object, Some(rate))).collect(),
             mean_final_distance_m: Some(evaluation.mean_final_distance),
             mean_penetration_m: Some(evaluation.mean_penetration),
@@ -149,6 +157,7 @@ impl MetricsRow {
                 ("updates", &mut self.updates),
                 ("wall_s", &mut self.wall_s),
                 ("success_rate", &mut self.success_rate),
+                ("success_with_components", &mut self.success_with_components),
             ],
             vec![
                 ("mean_final_distance_m", &mut self.mean_final_distance_m),

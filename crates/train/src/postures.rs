@@ -1,8 +1,9 @@
-//! The postures of a run's successes: in the database, in memory, and their synergy.
+//! The postures and motions of a run's successes: in the database and in memory, and the synergy of the postures.
 
 use eigenhand_sim::GraspTask;
-use eigenhand_synergy::{JointInfo, PostureDatabase, PostureRecord, Synergy, newest};
+use eigenhand_synergy::{JointInfo, MotionRecord, PostureDatabase, PostureRecord, Source, Synergy, newest};
 
+use crate::actuators::HandActuators;
 use crate::config::{RunConfig, SynergyConfig};
 use crate::error::TrainError;
 use crate::rollout::Episode;
@@ -12,6 +13,7 @@ use crate::run_dir::{DATABASE, RunDirectory};
 pub(crate) struct Postures {
     database: PostureDatabase,
     joints: Vec<JointInfo>,
+    /// Those that the policy reached.
     all: Vec<Vec<f64>>,
     config: SynergyConfig,
     lambda: f64,
@@ -24,23 +26,33 @@ impl Postures {
     ///
     /// # Errors
     /// [`TrainError::Synergy`] for the database.
-    pub fn open(run: &RunDirectory, config: &RunConfig, task: &GraspTask) -> Result<Postures, TrainError> {
+    pub fn open(
+        run: &RunDirectory,
+        config: &RunConfig,
+        task: &GraspTask,
+        actuators: &HandActuators,
+    ) -> Result<Postures, TrainError> {
         let joints = task.posture_joints.clone();
-        let database = PostureDatabase::open(run.file(DATABASE), &joints)?;
+        let database = PostureDatabase::open(run.file(DATABASE), &joints, &actuators.coordinates)?;
         let RunConfig { synergy, lambda, seed, .. } = config.clone();
         Ok(Postures { database, joints, all: Vec::new(), config: synergy, lambda, seed })
     }
 
-    /// Restores the state at a checkpoint: `expected` postures of the first `episodes` episodes.
+    /// Restores the state at a checkpoint: `expected` postures of the first `episodes` episodes. Returns their motions.
     ///
     /// # Errors
     /// [`TrainError::Damaged`] when the database holds fewer or more.
-    pub fn restore(&mut self, run: &RunDirectory, episodes: u64, expected: u64) -> Result<(), TrainError> {
+    pub fn restore(
+        &mut self,
+        run: &RunDirectory,
+        episodes: u64,
+        expected: u64,
+    ) -> Result<Vec<MotionRecord>, TrainError> {
         self.database.truncate_from_episode(episodes)?;
-        self.all = self.database.postures()?;
-        let found = self.all.len();
+        self.all = self.database.policy_postures()?;
+        let found = self.database.len()?;
         if found as u64 == expected {
-            return Ok(());
+            return Ok(self.database.motions()?);
         }
         Err(TrainError::Damaged {
             path: run.file(DATABASE),
@@ -49,18 +61,27 @@ impl Postures {
         })
     }
 
-    /// Stores the postures of the episodes that succeeded, and returns their number.
+    /// Stores the postures of the episodes that succeeded, and returns their number. Also stores their motions.
     ///
     /// # Errors
     /// [`TrainError::Synergy`].
-    pub fn store(&mut self, episodes: &[Episode], task: &GraspTask) -> Result<u64, TrainError> {
+    pub fn store(
+        &mut self,
+        episodes: &[Episode],
+        task: &GraspTask,
+        motions: &[MotionRecord],
+    ) -> Result<u64, TrainError> {
         let successes = episodes.iter().filter(|episode| episode.success && !episode.diverged);
         let records: Vec<PostureRecord> = successes.map(|episode| self.record(episode, task)).collect();
         if !records.is_empty() {
             self.database.insert_all(&records)?;
         }
+        if !motions.is_empty() {
+            self.database.insert_motions(motions)?;
+        }
         let stored = records.len() as u64;
-        self.all.extend(records.into_iter().map(|record| record.posture));
+        let of_the_policy = records.into_iter().filter(|record| record.source != Source::Script);
+        self.all.extend(of_the_policy.map(|record| record.posture));
         Ok(stored)
     }
 
@@ -74,6 +95,7 @@ impl Postures {
             seed: self.seed,
             goal: [f64::from(goal[0]), f64::from(goal[1]), f64::from(goal[2])],
             step: episode.data.shape.n_steps as u32,
+            source: episode.source,
         }
     }
 

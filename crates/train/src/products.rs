@@ -8,17 +8,22 @@ use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, rng};
 use eigenhand_sim::{GraspEnv, GraspTask, ObservationEntry, SimError, scene};
-use eigenhand_synergy::{Synergy, SynergyFile};
+use eigenhand_synergy::{Import, JointInfo, JointMap, MotionRecord, Recommended, Space, Synergy, SynergyFile};
 use serde::Serialize;
 
+use crate::actuators::HandActuators;
 use crate::config::RunConfig;
+use crate::control::control_space;
 use crate::error::TrainError;
 use crate::provenance::Provenance;
 use crate::task::actuation_map;
 
 pub(crate) const POLICY: &str = "policy.safetensors";
 pub(crate) const POLICY_TEXT: &str = "policy.toml";
-const SYNERGY: &str = "synergy";
+/// Directory of the control synergy.
+pub(crate) const SYNERGY: &str = "synergy";
+/// Directory of the synergy of end postures.
+const POSTURE_SYNERGY: &str = "synergy-postures";
 const SCENES: &str = "scenes";
 const REFERENCE: &str = "reference.json";
 
@@ -31,8 +36,57 @@ pub(crate) struct Products<'a> {
     pub policy: &'a Policy,
     /// Training episodes before the policy, if known.
     pub policy_episode: Option<u64>,
+    /// The synergy that drives the hand.
+    pub control: Option<ControlProduct>,
+    /// The synergy of end postures.
     pub synergy: Option<&'a Synergy>,
     pub postures: &'a [Vec<f64>],
+}
+
+/// A control synergy as it is exported.
+pub(crate) struct ControlProduct {
+    synergy: Synergy,
+    commands: Vec<Vec<f64>>,
+    joint_map: JointMap,
+    recommended: Option<Recommended>,
+}
+
+impl ControlProduct {
+    /// Analyses the steps of motions; none while they are too few.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn of(
+        actuators: &HandActuators,
+        joints: &[JointInfo],
+        motions: &[MotionRecord],
+        components: usize,
+        recommended: Option<Recommended>,
+    ) -> Result<Option<ControlProduct>, TrainError> {
+        let Some(synergy) = control_space(&actuators.coordinates, motions, components)? else { return Ok(None) };
+        let (commands, postures): (Vec<_>, Vec<_>) =
+            motions.iter().map(|step| (step.command.clone(), step.posture.as_slice())).unzip();
+        let joint_map = JointMap::fit(&synergy, &commands, joints, &postures)?;
+        Ok(Some(ControlProduct { synergy, commands, joint_map, recommended }))
+    }
+
+    /// Reads the directory that a run exported.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`] for a file that is missing or damaged, [`TrainError::Damaged`] for a synergy of postures.
+    pub fn read(directory: &Path) -> Result<ControlProduct, TrainError> {
+        let Import { file, samples } = eigenhand_synergy::import(directory)?;
+        match file {
+            SynergyFile { space: Space::Commands, synergy, joint_map: Some(joint_map), recommended, .. } => {
+                Ok(ControlProduct { synergy, commands: samples, joint_map, recommended })
+            }
+            _ => Err(TrainError::Damaged {
+                path: directory.to_owned(),
+                reason: "it holds no control synergy with a joint map".to_owned(),
+                mend: "restore the run's files".to_owned(),
+            }),
+        }
+    }
 }
 
 #[derive(Serialize)]
@@ -75,6 +129,8 @@ struct NetworkRecord {
     hidden: Vec<usize>,
     hidden_activation: &'static str,
     output_activation: &'static str,
+    /// How the actions follow from the outputs.
+    action: &'static str,
 }
 
 #[derive(Serialize)]
@@ -108,10 +164,10 @@ struct ReferenceStep {
     next_observation: Vec<f32>,
 }
 
-/// Writes `synergy/`, `policy.safetensors`, `policy.toml` and `scenes/` into a directory.
+/// Writes `synergy/`, `synergy-postures/`, `policy.safetensors`, `policy.toml` and `scenes/` into a directory.
 pub(crate) fn write_products(products: &Products, directory: &Path) -> Result<(), TrainError> {
     create_directory(directory)?;
-    write_synergy(products, directory)?;
+    write_synergies(products, directory)?;
     write_atomically(&directory.join(POLICY), &products.policy.export_tensors().save_bytes()?)?;
     let path = directory.join(POLICY_TEXT);
     let text = toml::to_string(&policy_record(products))
@@ -120,23 +176,41 @@ pub(crate) fn write_products(products: &Products, directory: &Path) -> Result<()
     write_scenes(products, &directory.join(SCENES))
 }
 
-fn write_synergy(products: &Products, directory: &Path) -> Result<(), TrainError> {
+/// Writes the control synergy and the synergy of end postures, each if there is one.
+fn write_synergies(products: &Products, directory: &Path) -> Result<(), TrainError> {
+    let provenance = BTreeMap::from([
+        ("hand_digest".to_owned(), products.provenance.hand_digest.clone()),
+        ("lambda".to_owned(), products.config.lambda.to_string()),
+        ("seed".to_owned(), products.config.seed.to_string()),
+        ("preset".to_owned(), products.config.preset.name().to_owned()),
+        ("eigenhand_version".to_owned(), products.provenance.eigenhand_version.clone()),
+        ("git_revision".to_owned(), products.provenance.git_revision.clone()),
+        ("mujoco_version".to_owned(), products.provenance.mujoco_version.clone()),
+    ]);
+    let hand = products.hand.manifest.name.clone();
+    if let Some(ControlProduct { synergy, commands, joint_map, recommended }) = &products.control {
+        let file = SynergyFile {
+            hand: hand.clone(),
+            space: Space::Commands,
+            synergy: synergy.clone(),
+            joint_map: Some(joint_map.clone()),
+            actuation: None,
+            recommended: recommended.clone(),
+            provenance: provenance.clone(),
+        };
+        eigenhand_synergy::export(directory.join(SYNERGY), &file, commands)?;
+    }
     let Some(synergy) = products.synergy else { return Ok(()) };
     let file = SynergyFile {
-        hand: products.hand.manifest.name.clone(),
+        hand,
+        space: Space::Postures,
         synergy: synergy.clone(),
+        joint_map: None,
         actuation: Some(actuation_map(products.hand, products.task)),
-        provenance: BTreeMap::from([
-            ("hand_digest".to_owned(), products.provenance.hand_digest.clone()),
-            ("lambda".to_owned(), products.config.lambda.to_string()),
-            ("seed".to_owned(), products.config.seed.to_string()),
-            ("preset".to_owned(), products.config.preset.name().to_owned()),
-            ("eigenhand_version".to_owned(), products.provenance.eigenhand_version.clone()),
-            ("git_revision".to_owned(), products.provenance.git_revision.clone()),
-            ("mujoco_version".to_owned(), products.provenance.mujoco_version.clone()),
-        ]),
+        recommended: None,
+        provenance,
     };
-    Ok(eigenhand_synergy::export(directory.join(SYNERGY), &file, products.postures)?)
+    Ok(eigenhand_synergy::export(directory.join(POSTURE_SYNERGY), &file, products.postures)?)
 }
 
 fn policy_record(products: &Products) -> PolicyRecord {
@@ -168,6 +242,10 @@ fn policy_record(products: &Products) -> PolicyRecord {
             hidden: config.learner.hidden.clone(),
             hidden_activation: "relu",
             output_activation: "tanh",
+            action: match products.policy.map() {
+                Some(_) => "clip(action.matrix @ output + action.offset, -1, 1), of policy.safetensors",
+                None => "output",
+            },
         },
         normalizer: NormalizerRecord {
             formula: "clip((clip(x, -raw_clip, raw_clip) - mean) / std, -norm_clip, norm_clip)",

@@ -6,8 +6,9 @@ use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use eigenhand_mujoco::WarningCounts;
-use eigenhand_rl::{EpisodeData, EpisodeShape, Exploration, ExplorationConfig, Policy, PolicyScratch, rng};
+use eigenhand_rl::{ActionMap, EpisodeData, EpisodeShape, Exploration, ExplorationConfig, Policy, PolicyScratch, rng};
 use eigenhand_sim::{GraspEnv, GraspTask, SimError, StepFacts};
+use eigenhand_synergy::Source;
 use rand::RngExt;
 
 use crate::error::TrainError;
@@ -40,6 +41,17 @@ pub struct EpisodeJob {
     pub policy: Policy,
     /// How the actions are chosen.
     pub behaviour: Behaviour,
+    /// A further map from the policy's actions to those that are executed.
+    pub confinement: Option<Confinement>,
+}
+
+/// A map from actions to actions that are executed in their place.
+#[derive(Clone, Debug)]
+pub struct Confinement {
+    /// The map.
+    pub map: Arc<ActionMap>,
+    /// First steps of an episode that it leaves alone.
+    pub free_steps: usize,
 }
 
 /// A simulated episode.
@@ -53,10 +65,12 @@ pub struct Episode {
     pub success: bool,
     /// Whether the simulation diverged; then data, posture and distance are not usable.
     pub diverged: bool,
-    /// Whether the policy acted without noise.
-    pub greedy: bool,
+    /// What chose the actions.
+    pub source: Source,
     /// The data that replay stores.
     pub data: EpisodeData,
+    /// Actions before they are clamped to [-1, 1], T x act_dim. Those of a confined policy can lie beyond.
+    pub commands: Vec<f32>,
     /// Values of the posture's joints at the end, in rad and m.
     pub posture: Vec<f64>,
     /// Distance from object to goal at the end, in m.
@@ -90,15 +104,15 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
     let mut env_rng = rng::stream(job.seed, &format!("{}/env", job.stream), job.index);
     let mut explore_rng = rng::stream(job.seed, &format!("{}/explore", job.stream), job.index);
     let scene = job.scene.unwrap_or_else(|| env_rng.random_range(0..task.scenes.len()));
-    let (mut exploration, greedy) = match &job.behaviour {
-        Behaviour::Greedy => (Exploration::none(), true),
-        Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim), false),
-        Behaviour::Attempt(config) => (Exploration::attempt(config, &mut explore_rng), false),
+    let (mut exploration, source) = match &job.behaviour {
+        Behaviour::Greedy => (Exploration::none(), Source::Policy),
+        Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim), Source::Script),
+        Behaviour::Attempt(config) => (Exploration::attempt(config, &mut explore_rng), Source::Script),
         Behaviour::Explore(config) => {
             if explore_rng.random::<f32>() < config.noise_free_share {
-                (Exploration::none(), true)
+                (Exploration::none(), Source::Policy)
             } else {
-                (Exploration::noisy(config, shape.act_dim, &mut explore_rng), false)
+                (Exploration::noisy(config, shape.act_dim, &mut explore_rng), Source::Noise)
             }
         }
     };
@@ -107,8 +121,9 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
         scene,
         success: false,
         diverged: false,
-        greedy,
+        source,
         data: EpisodeData::zeros(shape),
+        commands: vec![0.0; shape.n_steps * shape.act_dim],
         posture: vec![0.0; task.posture_joints.len()],
         final_distance: f64::NAN,
         held_steps: 0,
@@ -145,9 +160,15 @@ fn play(
     data.achieved_goals[..goal_dim].copy_from_slice(&env.achieved_goal());
     let mut succeeded_in_a_row = 0;
     for t in 0..n_steps {
+        let command = &mut episode.commands[t * act_dim..(t + 1) * act_dim];
+        let observation = &data.observations[t * obs_dim..(t + 1) * obs_dim];
+        job.policy.act_through(observation, &goal, scratch, command, |output| exploration.apply(output, explore_rng));
+        if let Some(Confinement { map, .. }) = job.confinement.as_ref().filter(|c| t >= c.free_steps) {
+            let wanted = command.to_vec();
+            map.apply(&wanted, command);
+        }
         let action = &mut data.actions[t * act_dim..(t + 1) * act_dim];
-        job.policy.act(&data.observations[t * obs_dim..(t + 1) * obs_dim], &goal, scratch, action);
-        exploration.apply(action, explore_rng);
+        action.iter_mut().zip(&*command).for_each(|(a, c)| *a = c.clamp(-1.0, 1.0));
         let facts = env.step(action)?;
         env.observe(&mut data.observations[(t + 1) * obs_dim..(t + 2) * obs_dim]);
         let achieved = env.achieved_goal();

@@ -61,6 +61,13 @@ pub struct Summary {
     pub eval_episodes: u64,
     /// Successful episodes of the final evaluation.
     pub eval_successes: Option<u64>,
+    /// Components of the synergies, as configured.
+    pub components: usize,
+    /// Share of the final evaluation's episodes that succeed when the hand is commanded with 0, 1, 2... numbers: at every
+    /// step, the commands are projected on the mean and so many components of the control synergy.
+    pub success_with_components: Vec<f64>,
+    /// The fewest numbers whose success is within 5 points of `success_rate`.
+    pub k_for_95: Option<usize>,
     /// Deepest penetration between object and hand, averaged over the final evaluation's successes, in m.
     pub mean_penetration_m: Option<f64>,
     /// Training episodes before the run's policy.

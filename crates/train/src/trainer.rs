@@ -8,15 +8,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use eigenhand_rl::{ActorChoice, Batch, Ddpg, ExplorationConfig, Replay, rng, sample_batch};
+use eigenhand_rl::{ActorChoice, Batch, Ddpg, ExplorationConfig, Policy, Replay, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_synergy::{ActuationMap, Synergy};
 use rayon::ThreadPool;
 
 use crate::assignment::Assignment;
+use crate::actuators::HandActuators;
 use crate::checkpoint::{Checkpoints, Restored};
 use crate::config::{EvaluationConfig, RunConfig};
+use crate::control::Control;
 use crate::counters::{Counters, UpdateSums};
+use crate::drive::Driver;
 use crate::error::TrainError;
 use crate::evaluation::EvaluationStream;
 use crate::exploration::exploration_of;
@@ -24,6 +27,7 @@ use crate::feedback::GraspReward;
 use crate::finalists::{Finalist, Finalists};
 use crate::journal::Journal;
 use crate::metrics::MetricsRow;
+use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
@@ -42,6 +46,7 @@ pub struct Trainer {
     exploration: ExplorationConfig,
     actuation: ActuationMap,
     pub(crate) postures: Postures,
+    pub(crate) control: Control,
     checkpoints: Checkpoints,
     journal: Journal,
     pub(crate) counters: Counters,
@@ -58,9 +63,9 @@ impl Trainer {
     /// The first fault of the configuration, the hand or the directory.
     pub fn create(assignment: Assignment) -> Result<Trainer, TrainError> {
         let Assignment { config, run, .. } = &assignment;
-        let [obs_dim, goal_dim, act_dim] = assignment.dimensions();
+        let dimensions = assignment.dimensions();
         let mut random = rng::stream(config.seed, "init", 0);
-        let learner = Ddpg::new(config.learner.clone(), obs_dim, goal_dim, act_dim, &mut random)?;
+        let learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
         Trainer::assemble(assignment, learner, checkpoints, Counters::default())
     }
@@ -71,17 +76,19 @@ impl Trainer {
     /// [`TrainError::Damaged`] for a damaged file of the checkpoint, and the errors of [`create`](Self::create).
     pub fn resume(assignment: Assignment) -> Result<Trainer, TrainError> {
         let Assignment { config, run, .. } = &assignment;
-        let [obs_dim, goal_dim, act_dim] = assignment.dimensions();
+        let dimensions = assignment.dimensions();
         let (checkpoints, restored) =
             Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let Restored { counters, learner, finalists, episodes } = restored;
-        let learner = Ddpg::from_tensors(config.learner.clone(), obs_dim, goal_dim, act_dim, &learner)?;
+        let learner = Ddpg::from_tensors(config.learner.clone(), dimensions, &learner)?;
         let mut trainer = Trainer::assemble(assignment, learner, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
         let Counters { episodes, postures, .. } = trainer.counters;
-        trainer.postures.restore(&trainer.assignment.run, episodes, postures)?;
+        let motions = trainer.postures.restore(&trainer.assignment.run, episodes, postures)?;
+        trainer.control.add(motions);
         trainer.refit()?;
+        trainer.confine()?;
         Ok(trainer)
     }
 
@@ -95,7 +102,8 @@ impl Trainer {
         let shape = episode_shape(task);
         let exploration = exploration_of(config, hand, task)?;
         let journal = Journal::open(run, config, provenance, counters.episodes)?;
-        let postures = Postures::open(run, config, task)?;
+        let actuators = HandActuators::of(hand, task);
+        let postures = Postures::open(run, config, task, &actuators)?;
         Ok(Trainer {
             pool: WorkerPool::new(task, config.worker_count())?,
             learning: learning_threads(config.learner_thread_count())?,
@@ -107,6 +115,7 @@ impl Trainer {
                 feedback: config.feedback(),
             },
             postures,
+            control: Control::new(config, actuators),
             journal,
             exploration,
             actuation: actuation_map(hand, task),
@@ -196,6 +205,7 @@ impl Trainer {
             scene: None,
             policy: policy.clone(),
             behaviour: behaviour(index),
+            confinement: None,
         });
         self.pool.submit(jobs)?;
         Ok(last)
@@ -204,7 +214,9 @@ impl Trainer {
     /// Adds a cycle's episodes to replay, normalisers, posture database and synergy.
     fn store(&mut self, episodes: Vec<Episode>) -> Result<(), TrainError> {
         let Assignment { config, task, .. } = &self.assignment;
-        let stored = self.postures.store(&episodes, task)?;
+        let motions = motions(&episodes, &self.control.actuators, task);
+        let stored = self.postures.store(&episodes, task, &motions)?;
+        self.control.add(motions);
         for episode in episodes {
             self.counters.count(&episode, config.training.updates_per_episode);
             if episode.diverged {
@@ -217,13 +229,22 @@ impl Trainer {
             self.replay.push(episode.data)?;
         }
         self.counters.postures += stored;
-        if stored > 0 { self.refit() } else { Ok(()) }
+        if stored > 0 {
+            self.refit()?;
+        }
+        self.confine()
     }
 
     /// Computes the synergy of the postures so far, and updates its feedback into reward and actor.
     fn refit(&mut self) -> Result<(), TrainError> {
         self.reward.feedback.follow(self.postures.fit()?);
         self.learner.set_action_cost(self.reward.feedback.action_cost(&self.actuation));
+        Ok(())
+    }
+
+    /// Confines the policy to the control synergy as far as the schedule says.
+    fn confine(&mut self) -> Result<(), TrainError> {
+        self.learner.set_action_map(self.control.action_map(self.counters.episodes)?);
         Ok(())
     }
 
@@ -262,15 +283,36 @@ impl Trainer {
         let policy = self.learner.policy(actor);
         let evaluation = self.evaluate_policy(&policy, EvaluationStream::Periodic, episodes)?;
         let success_rate = evaluation.success_rate();
+        let driven = self.success_with_components(&policy, success_rate)?;
         self.counters.last_evaluation = Some(success_rate);
+        if self.control.is_settled(self.counters.episodes) {
+            // Policies that were not yet confined do not compete.
+            self.finalists.retain(|finalist| self.control.is_settled(finalist.episode));
+        }
         let finalist = Finalist { success_rate, episode: self.counters.episodes, policy };
         self.finalists.enter(finalist, finalists);
         let components = self.assignment.config.synergy.components.min(self.postures.joints().len());
-        let row = MetricsRow::of(&self.counters, &evaluation, self.reward.feedback.synergy(), components);
+        let row = MetricsRow::of(&self.counters, &evaluation, driven, self.reward.feedback.synergy(), components);
         self.journal.append(&row)?;
-        progress.note(&format!("episode {}: {evaluation}", self.counters.episodes));
+        let driven = driven.map_or_else(String::new, |rate| format!(", with {} numbers {:.1} %", components, 100.0 * rate));
+        progress.note(&format!("episode {}: {evaluation}{driven}", self.counters.episodes));
         self.counters.sums = UpdateSums::default();
         Ok(())
+    }
+
+    /// Measures the success of a policy with the configured number of components; none while there is no control synergy.
+    fn success_with_components(&mut self, policy: &Policy, success_rate: f64) -> Result<Option<f64>, TrainError> {
+        let episode = self.counters.episodes;
+        let Some(space) = self.control.space(episode)? else { return Ok(None) };
+        let Assignment { config, task, .. } = &self.assignment;
+        if self.control.is_confined(episode) {
+            // The projection changes nothing.
+            return Ok(Some(success_rate));
+        }
+        let driver = Driver { task, policy, actuators: &self.control.actuators, space: &space, free_steps: 0 };
+        let (stream, k) = (EvaluationStream::Periodic, space.n_components());
+        let driven = driver.measure(&mut self.pool, k, config.seed, stream, config.evaluation.episodes, false)?;
+        Ok(Some(driven.success_rate))
     }
 
     fn status(&self, steps_per_s: f64) -> Status {

@@ -188,6 +188,11 @@ pub struct SynergyConfig {
     /// lambda times the squared distance from a command to the nearest command that the synergy can produce, for
     /// transitions that succeed. In 1/rad^2.
     pub command_weight: f64,
+    /// Newest motions (successes without noise) to whose commands the control synergy is fitted. The policy is confined
+    /// to it once there are as many.
+    pub motions: usize,
+    /// Shares of training between which the policy is confined to the control synergy.
+    pub anneal: [f64; 2],
 }
 
 impl RunConfig {

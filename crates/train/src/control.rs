@@ -1,0 +1,124 @@
+//! The control synergy: the space of the commands along whole grasps, and the map that confines a policy to it.
+//!
+//! A posture at the end of an episode does not tell how the hand opens and closes. So this space is fitted to the
+//! commands of the hand's actuators along successful episodes, from the open hand to the goal. During training the policy
+//! is confined to it step by step, so that at the end a few numbers command the hand.
+
+use eigenhand_rl::ActionMap;
+use eigenhand_synergy::{JointInfo, MotionRecord, Synergy};
+
+use crate::actuators::HandActuators;
+use crate::config::{RunConfig, SynergyConfig};
+use crate::error::TrainError;
+
+/// (steps of motions) => the space of their commands with `k` components; none while there are too few
+///
+/// # Errors
+/// [`TrainError::Synergy`].
+pub(crate) fn control_space(
+    actuators: &[JointInfo],
+    motions: &[MotionRecord],
+    k: usize,
+) -> Result<Option<Synergy>, TrainError> {
+    let commands: Vec<&[f64]> = motions.iter().map(|step| step.command.as_slice()).collect();
+    Ok(Synergy::fit_newest(actuators, &commands, k.min(actuators.len()), 0)?)
+}
+
+/// The confinement of a run's policy to the control synergy.
+pub(crate) struct Control {
+    pub actuators: HandActuators,
+    config: SynergyConfig,
+    /// Share of the commands outside the space that remains at the end.
+    last_rest: f64,
+    /// Episodes of the run.
+    total: u64,
+    /// Steps of all motions so far, in the order of their episodes.
+    motions: Vec<MotionRecord>,
+    /// Index in `motions` of the first step of each motion.
+    starts: Vec<usize>,
+    /// The space, once it no longer changes.
+    settled: Option<Synergy>,
+}
+
+impl Control {
+    pub fn new(config: &RunConfig, actuators: HandActuators) -> Control {
+        Control {
+            actuators,
+            config: config.synergy.clone(),
+            last_rest: (1.0 - config.lambda).max(0.0),
+            total: config.episodes,
+            motions: Vec::new(),
+            starts: Vec::new(),
+            settled: None,
+        }
+    }
+
+    /// Adds the steps of further motions.
+    pub fn add(&mut self, motions: impl IntoIterator<Item = MotionRecord>) {
+        for step in motions {
+            if self.motions.last().is_none_or(|last| last.episode != step.episode) {
+                self.starts.push(self.motions.len());
+            }
+            self.motions.push(step);
+        }
+    }
+
+    /// Returns the training episodes between which the policy is confined to the space; none while there are too few
+    /// motions, or if it stays free.
+    fn span(&self) -> Option<[f64; 2]> {
+        let [from, to] = self.config.anneal.map(|share| share * self.total as f64);
+        let last_needed = *self.starts.get(self.config.motions.checked_sub(1)?)?;
+        let start = from.max(self.motions[last_needed].episode as f64 + 1.0);
+        // A hand that learns late is confined within half of what is left.
+        let length = (to - from).min((self.total as f64 - start).max(0.0) / 2.0);
+        (self.last_rest < 1.0 && self.config.anneal[0] < 1.0).then_some([start, start + length])
+    }
+
+    /// (training episodes so far) => whether the policy is as confined as it will be
+    pub fn is_settled(&self, episode: u64) -> bool {
+        let free = self.last_rest >= 1.0 || self.config.anneal[0] >= 1.0;
+        free || self.span().is_some_and(|[_, end]| episode as f64 >= end)
+    }
+
+    /// (training episodes so far) => whether the policy commands nothing outside the space
+    pub fn is_confined(&self, episode: u64) -> bool {
+        self.last_rest <= 0.0 && self.span().is_some_and(|[_, end]| episode as f64 >= end)
+    }
+
+    /// Returns the steps of the newest motions before a training episode.
+    pub fn newest(&self, episode: u64) -> &[MotionRecord] {
+        let known = self.starts.partition_point(|&start| self.motions[start].episode < episode);
+        let first = known.saturating_sub(self.config.motions);
+        let at = |motion: usize| self.starts.get(motion).copied().unwrap_or(self.motions.len());
+        &self.motions[at(first)..at(known)]
+    }
+
+    /// Fits the space to the newest motions before a training episode.
+    fn fit(&self, episode: u64) -> Result<Option<Synergy>, TrainError> {
+        control_space(&self.actuators.coordinates, self.newest(episode), self.config.components)
+    }
+
+    /// (training episodes so far) => the space; none while there are too few motions
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn space(&mut self, episode: u64) -> Result<Option<Synergy>, TrainError> {
+        if let Some([_, end]) = self.span().filter(|[_, end]| self.settled.is_none() && episode as f64 >= *end) {
+            self.settled = self.fit(end.ceil() as u64)?;
+        }
+        if self.settled.is_some() { Ok(self.settled.clone()) } else { self.fit(episode) }
+    }
+
+    /// (training episodes so far) => the map that confines the policy; none while it is free
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn action_map(&mut self, episode: u64) -> Result<Option<ActionMap>, TrainError> {
+        let now = episode as f64;
+        let Some([start, end]) = self.span().filter(|[start, _]| now >= *start) else { return Ok(None) };
+        let done = if end > start { ((now - start) / (end - start)).min(1.0) } else { 1.0 };
+        let rest = 1.0 - (1.0 - self.last_rest) * done;
+        let space = self.space(episode)?;
+        space.map(|space| self.actuators.confine(space.mean(), space.components(), rest)).transpose()
+    }
+}
