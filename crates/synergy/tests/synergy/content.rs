@@ -18,7 +18,7 @@ struct Fixture {
 
 #[track_caller]
 fn assert_near(got: impl Into<Option<f64>>, expected: f64) {
-    let got = got.into().expect("a number");
+    let got = got.into().unwrap();
     assert!((got - expected).abs() < 1e-12, "{got}, expected {expected}");
 }
 
