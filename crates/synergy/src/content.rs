@@ -13,8 +13,8 @@ const FOLDS: usize = 10;
 
 /// What a set of grasp postures holds.
 ///
-/// Two sets with the same contribution rates can differ in content. If every grasp is almost the same posture, a few
-/// components express all of them, and yet they say nothing about the object.
+/// Two sets with the same contribution rates can differ in content: if every grasp is almost the same posture, a few
+/// components express all of them, but they do not adapt the hand to an object.
 ///
 /// **Cross-validation.** The postures are sorted by object; those of one object keep their order. Posture `i` of this
 /// list is in fold `i mod 10`, so each fold has its share of each object. Means and components are fitted to nine folds
@@ -52,23 +52,23 @@ pub struct Content {
     /// The same share without that bias (epsilon squared): its expected value is 0 without any effect of the object,
     /// so it can be below 0. None also if no object has two postures.
     pub between_objects_adjusted: Option<f64>,
-    /// Participation ratio of the eigenvalues, 1 to n: the number of directions with equal variance that would vary
-    /// alike. It is at most N - 1, so few postures give too low a value. None if the postures do not vary.
+    /// Participation ratio of the covariance's eigenvalues, 1 to n: `m` if `m` directions vary alike and the others
+    /// not at all. It is at most N - 1, so few postures give too low a value. None if the postures do not vary.
     pub participation_ratio: Option<f64>,
     /// Number of objects with at least 10 postures, which are those that are named.
     pub n_named_objects: usize,
     /// Accuracy of naming the object of a posture from its `k` coefficients, 0 to 1, cross-validated over the postures
-    /// of the named objects. The name is that of the nearest class mean (Euclidean distance); if `m` classes are equally
-    /// near, the right one among them counts 1 / m. It is the balanced accuracy: the mean over the objects of the share of postures that are named right, so
-    /// it does not depend on how many postures each object has. None for fewer than two named objects, or if nine folds
-    /// have `k` postures or fewer.
+    /// of the named objects. The name is that of the nearest class mean (Euclidean distance); if `m` classes are
+    /// equally near, the right one among them counts 1 / m. It is the balanced accuracy: the mean over the objects of
+    /// the share of postures that are named right, so it does not depend on how many postures each object has. None
+    /// for fewer than two named objects, or if nine folds together have `k` postures or fewer.
     pub naming_accuracy: Option<f64>,
     /// Expected value of [`Content::naming_accuracy`] for any naming that does not look at the posture:
     /// 1 / `n_named_objects`. None where that is none.
     pub naming_chance: Option<f64>,
     /// Share of the held-out postures' sum of squares about the training mean that lies in the `k` components fitted to
-    /// the training postures, 0 to 1. None for fewer than 10 postures, if nine folds have `k` postures or fewer, or if
-    /// the postures do not vary.
+    /// the training postures, 0 to 1. None for fewer than 10 postures, if nine folds together have `k` postures or
+    /// fewer, or if the postures do not vary.
     pub held_out_contribution: Option<f64>,
 }
 
@@ -82,10 +82,10 @@ impl Content {
     /// that is not finite, or so large that its square is not; `k == 0`; a decomposition that does not converge.
     ///
     /// # Source
-    /// Share between objects: the squared correlation ratio of Pearson (1905), over all joints; without bias: Kelley, *An
-    /// unbiased correlation ratio measure*, PNAS 21 (1935). Participation ratio: Gao et al., *A theory of multineuronal
-    /// dimensionality, dynamics and measurement* (2017). Naming the object from a grasp's components: Santello et al.,
-    /// *Postural hand synergies for tool use*, J. Neurosci. 18 (1998).
+    /// Share between objects: the squared correlation ratio of Pearson (1905), over all joints; without bias: Kelley,
+    /// *An unbiased correlation ratio measure*, PNAS 21 (1935). Participation ratio: Gao et al., *A theory of
+    /// multineuronal dimensionality, dynamics and measurement* (2017). Naming the object from a grasp's components:
+    /// Santello et al., *Postural hand synergies for tool use*, J. Neurosci. 18 (1998).
     pub fn new<L: AsRef<str>, P: AsRef<[f64]>>(
         postures: &[(L, P)],
         joints: &[usize],
