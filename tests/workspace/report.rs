@@ -80,6 +80,17 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
     // Too few runs for an interval of the difference: the statement says so.
     let difference = report.analysis.differences.iter().find(|d| d.quantity.key() == "success_rate").unwrap();
     assert!(difference.contrast.interval.is_none() && difference.statement.contains("no interval"), "{difference:?}");
+    let json: serde_json::Value = serde_json::from_str(&text(&out.path().join("report.json"))).unwrap();
+    let stored = json["differences"].as_array().unwrap().iter().find(|d| d["quantity"] == "success_rate").unwrap();
+    assert_eq!((&stored["verdict"], &stored["permutation"]["exact"]), (&"no_interval".into(), &true.into()));
+    assert_eq!(
+        (&stored["permutation"]["n_relabellings"], &stored["permutation"]["least_p"]),
+        (&10.into(), &0.1.into())
+    );
+    let p = difference.contrast.permutation.p;
+    assert_eq!(stored["permutation"]["p"], p);
+    assert!((0.1..=1.0).contains(&p), "two against three runs have ten relabellings: {p}");
+    assert!(page.contains("<th>least p</th>") && page.contains("no: too few runs"));
     let of_one: Vec<f64> =
         report.analysis.runs.iter().filter(|r| r.lambda == 1.0).filter_map(|r| r.success_rate).collect();
     let estimate = &report.analysis.lambdas[1].quantities["success_rate"];

@@ -58,6 +58,7 @@ pub fn analyse(runs: &[Run]) -> Analysis {
                 lambda: *lambda,
                 n_runs: [n(0), n(i)],
                 contrast,
+                verdict: contrast.verdict(),
                 statement: String::new(),
             };
             record.statement = statements::difference(&record);

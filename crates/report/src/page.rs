@@ -4,10 +4,11 @@ use eigenhand_train::config::Settings;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::figures::Figure;
+use crate::permutation::MOST_RELABELLINGS;
 use crate::records::{Analysis, DifferenceRecord, LEVELS, Quantity, RunRecord};
 use crate::run::Run;
-use crate::statements::differing_settings;
-use crate::stats::{Estimate, FEWEST, RESAMPLES};
+use crate::statements::{differing_settings, probability};
+use crate::stats::{Estimate, FEWEST, RESAMPLES, SIGNIFICANT, Verdict};
 
 const STYLE: &str = include_str!("page.css");
 
@@ -161,7 +162,17 @@ fn differences_table(analysis: &Analysis) -> Markup {
     if analysis.differences.is_empty() {
         return html! {};
     }
-    let header = words(&["difference", "from \u{3bb}", "to \u{3bb}", "by", "95 % interval", "excludes zero"]);
+    let header = words(&[
+        "difference",
+        "from \u{3bb}",
+        "to \u{3bb}",
+        "by",
+        "95 % interval",
+        "excludes zero",
+        "p",
+        "least p",
+        "supported",
+    ]);
     let row = |record: &DifferenceRecord| {
         let (name, factor, digits) = quantity(record.quantity);
         let number = |value: f64| format!("{:+.digits$}", factor * value);
@@ -174,9 +185,30 @@ fn differences_table(analysis: &Analysis) -> Markup {
             number(record.contrast.difference),
             interval.map_or_else(|| "-".to_owned(), |[low, high]| format!("{} to {}", number(low), number(high))),
             excludes.unwrap_or("-").to_owned(),
+            probability(record.contrast.permutation.p),
+            probability(record.contrast.permutation.least_p),
+            supported(record.verdict).to_owned(),
         ]
     };
-    table(&header, &analysis.differences.iter().map(row).collect::<Vec<_>>())
+    let sampled = analysis.differences.iter().any(|record| !record.contrast.permutation.exact);
+    html! {
+        (table(&header, &analysis.differences.iter().map(row).collect::<Vec<_>>()))
+        p.soft {
+            "p: two-sided permutation test of the difference of means. Least p: the smallest that this number of runs can "
+            "give. A difference is supported if its interval excludes zero and p is below " (SIGNIFICANT) "."
+            @if sampled { " p comes from " (MOST_RELABELLINGS) " random relabellings where there are more than these." }
+        }
+    }
+}
+
+fn supported(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Greater => "yes, greater",
+        Verdict::Smaller => "yes, smaller",
+        Verdict::Disagree => "no: interval and test disagree",
+        Verdict::TooFewForTest | Verdict::NoInterval => "no: too few runs",
+        Verdict::Open => "no",
+    }
 }
 
 fn objects_table(analysis: &Analysis) -> Markup {
@@ -315,8 +347,14 @@ fn method() -> Markup {
             "The interquartile mean leaves out the lowest and the highest quarter of the runs, rounded down to whole runs. Its "
             "interval is the middle 95 % of " (RESAMPLES) " bootstrap resamples. Each resample draws runs of the same lambda, "
             "with replacement (Agarwal et al. 2021). The interval of a difference comes from the resampled differences. With "
-            "fewer than " (FEWEST) " runs there is no interval. The resamples come from a fixed seed, so the same runs give "
-            "the same page."
+            "fewer than " (FEWEST) " runs there is no interval. All random numbers come from a fixed seed, so the same runs "
+            "give the same page."
+        }
+        p {
+            "The permutation test exchanges the lambdas of the runs in every way that keeps their numbers (Fisher 1935). p is "
+            "the share of these relabellings whose means differ by as much as the real ones, or more. It does not assume any "
+            "distribution. There is no correction for the number of comparisons: of twenty differences that do not exist, one "
+            "has p below " (SIGNIFICANT) " on average."
         }
         p {
             "In figures along training, a line is the median over the runs that have reached this point, and a band extends "

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use crate::stats::{Contrast, Estimate};
+use crate::stats::{Contrast, Estimate, Verdict};
 
 /// Success rates for which a report says when a run first reached them.
 pub const LEVELS: [f64; 3] = [0.5, 0.7, 0.9];
@@ -124,7 +124,9 @@ pub struct DifferenceRecord {
     /// Value at the other lambda minus value at the smallest.
     #[serde(flatten)]
     pub contrast: Contrast,
-    /// Conclusion, in words.
+    /// Conclusion.
+    pub verdict: Verdict,
+    /// The same in words.
     pub statement: String,
 }
 

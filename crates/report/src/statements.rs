@@ -7,7 +7,7 @@ use eigenhand_train::reproduce::VARIED;
 
 use crate::records::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
 use crate::run::Run;
-use crate::stats::FEWEST;
+use crate::stats::{FEWEST, SIGNIFICANT, Verdict};
 
 /// With fewer runs, a sentence warns that an interval is too narrow.
 const FEW: usize = 10;
@@ -62,21 +62,56 @@ pub fn difference(record: &DifferenceRecord) -> String {
         counted(*n, "run"),
         words.name
     );
-    let (Some([low, high]), Some(excludes)) = (contrast.interval, contrast.excludes_zero()) else {
+    let Some([low, high]) = contrast.interval else {
         return format!(
             "{head}. With fewer than {FEWEST} runs on a side there is no interval, and nothing can be said about the \
              difference beyond these runs."
         );
     };
     let (low, high) = (words.signed(low), words.signed(high));
-    let verdict = if !excludes {
-        "contains zero: these runs do not show a difference, and do not show that there is none".to_owned()
-    } else if contrast.difference > 0.0 {
-        format!("excludes zero: these runs support that it is greater with lambda {lambda}")
-    } else {
-        format!("excludes zero: these runs support that it is smaller with lambda {lambda}")
+    let zero = if contrast.excludes_zero() == Some(true) { "excludes zero" } else { "contains zero" };
+    let least = probability(contrast.permutation.least_p);
+    let p = match probability(contrast.permutation.p) {
+        small if small.starts_with('<') => format!("p {small}"),
+        p => format!("p = {p}"),
     };
-    format!("{head}; the 95 % interval, {low} to {high}, {verdict}.")
+    let head = format!("{head}; the 95 % interval, {low} to {high}, {zero}");
+    match record.verdict {
+        Verdict::TooFewForTest => format!(
+            "{head}. More seeds are needed: with {n_baseline} against {} the permutation test cannot give a p below \
+             {least} (here {p}), and {SIGNIFICANT} or more supports no difference.",
+            counted(*n, "run")
+        ),
+        Verdict::Greater => format!(
+            "{head}, and the permutation test gives {p}: these runs support that it is greater with lambda {lambda}."
+        ),
+        Verdict::Smaller => format!(
+            "{head}, and the permutation test gives {p}: these runs support that it is smaller with lambda {lambda}."
+        ),
+        Verdict::Open | Verdict::NoInterval => format!(
+            "{head}, and the permutation test gives {p}: these runs do not show a difference, and do not show that \
+             there is none."
+        ),
+        Verdict::Disagree if contrast.is_significant() && contrast.excludes_zero() == Some(true) => format!(
+            "{head}, and the permutation test gives {p}, but the interquartile means and the means differ in \
+             opposite directions: these runs do not settle which lambda is greater."
+        ),
+        Verdict::Disagree => format!(
+            "{head}, but the permutation test gives {p}, {} {SIGNIFICANT}. The two disagree, so these runs do not \
+             settle whether there is a difference; more seeds can.",
+            if contrast.is_significant() { "below" } else { "not below" }
+        ),
+    }
+}
+
+/// Writes a probability with four decimals, without zeros at the end.
+pub fn probability(p: f64) -> String {
+    const LEAST: f64 = 0.0001;
+    if p < LEAST {
+        return format!("< {LEAST}");
+    }
+    let text = format!("{p:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 /// Describes the results of each lambda, and the differences between lambdas.
@@ -87,8 +122,8 @@ pub fn all(analysis: &Analysis) -> Vec<String> {
     let few = |lambda: &LambdaRecord| (FEWEST..FEW).contains(&lambda.n_complete);
     if analysis.lambdas.iter().any(few) {
         sentences.push(format!(
-            "With fewer than {FEW} runs, a bootstrap interval is narrower than it should be. If such an interval barely \
-             excludes zero, the evidence is weak."
+            "With fewer than {FEW} runs, a bootstrap interval is narrower than it should be. Therefore a difference counts \
+             as supported only if the permutation test agrees with the interval."
         ));
     }
     sentences
@@ -209,49 +244,94 @@ pub fn counted(n: impl std::fmt::Display, what: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::permutation::Permutation;
     use crate::stats::Contrast;
 
-    fn statement(difference: f64, interval: Option<[f64; 2]>) -> String {
+    /// Interval, difference of means, p, least p.
+    type Numbers = (Option<[f64; 2]>, f64, f64, f64);
+
+    fn statement(difference: f64, (interval, difference_of_means, p, least_p): Numbers) -> String {
+        let permutation = Permutation { difference_of_means, p, least_p, n_relabellings: 252, exact: true };
+        let contrast = Contrast { difference, interval, permutation };
         super::difference(&DifferenceRecord {
             quantity: Quantity::SuccessRate,
             baseline: 0.0,
             lambda: 0.5,
             n_runs: [5, 1],
-            contrast: Contrast { difference, interval },
+            contrast,
+            verdict: contrast.verdict(),
             statement: String::new(),
         })
     }
 
     #[test]
-    fn a_sentence_says_what_the_interval_supports() {
+    fn a_sentence_says_what_interval_and_test_support() {
         let head = "From lambda 0 (5 runs) to lambda 0.5 (1 run), final success differs by ";
-        for (difference, interval, rest) in [
+        let (above, below, around) = (Some([0.01, 0.052]), Some([-0.05, -0.001]), Some([-0.01, 0.05]));
+        let least = 0.007_936_5;
+        for (difference, numbers, rest) in [
             (
                 0.0312,
-                Some([0.01, 0.052]),
-                "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero: these \
-                                           runs support that it is greater with lambda 0.5.",
+                (above, 0.03, least, least),
+                "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero, and the permutation test gives \
+                 p = 0.0079: these runs support that it is greater with lambda 0.5.",
             ),
             (
                 -0.0312,
-                Some([-0.05, -0.001]),
-                "\u{2212}3.1 percentage points; the 95 % interval, \u{2212}5.0 to \u{2212}0.1, \
-                                              excludes zero: these runs support that it is smaller with lambda 0.5.",
+                (below, -0.03, 0.000_02, 0.000_01),
+                "\u{2212}3.1 percentage points; the 95 % interval, \u{2212}5.0 to \u{2212}0.1, excludes zero, and the \
+                 permutation test gives p < 0.0001: these runs support that it is smaller with lambda 0.5.",
             ),
             (
                 0.0312,
-                Some([-0.01, 0.05]),
-                "+3.1 percentage points; the 95 % interval, \u{2212}1.0 to +5.0, contains zero: \
-                                           these runs do not show a difference, and do not show that there is none.",
+                (around, 0.03, 0.3, least),
+                "+3.1 percentage points; the 95 % interval, \u{2212}1.0 to +5.0, contains zero, and the permutation test \
+                 gives p = 0.3: these runs do not show a difference, and do not show that there is none.",
+            ),
+            (
+                0.0312,
+                (above, 0.03, 0.0635, least),
+                "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero, but the permutation test gives \
+                 p = 0.0635, not below 0.05. The two disagree, so these runs do not settle whether there is a difference; \
+                 more seeds can.",
+            ),
+            (
+                0.0312,
+                (around, 0.03, 0.04, least),
+                "+3.1 percentage points; the 95 % interval, \u{2212}1.0 to +5.0, contains zero, but the permutation test \
+                 gives p = 0.04, below 0.05. The two disagree, so these runs do not settle whether there is a difference; \
+                 more seeds can.",
+            ),
+            (
+                0.0312,
+                (above, -0.03, 0.04, least),
+                "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero, and the permutation test gives \
+                 p = 0.04, but the interquartile means and the means differ in opposite directions: these runs do not \
+                 settle which lambda is greater.",
+            ),
+            (
+                0.0312,
+                (above, 0.03, 0.1, 0.1),
+                "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero. More seeds are needed: with 5 \
+                 against 1 run the permutation test cannot give a p below 0.1 (here p = 0.1), and 0.05 or more supports \
+                 no difference.",
             ),
             (
                 0.0,
-                None,
-                "0.0 percentage points. With fewer than 3 runs on a side there is no interval, and nothing can be \
-                         said about the difference beyond these runs.",
+                (None, 0.0, 1.0, 1.0 / 6.0),
+                "0.0 percentage points. With fewer than 3 runs on a side there is no interval, and nothing can be said \
+                 about the difference beyond these runs.",
             ),
         ] {
-            assert_eq!(statement(difference, interval), format!("{head}{rest}"));
+            assert_eq!(statement(difference, numbers), format!("{head}{rest}"));
+        }
+    }
+
+    #[test]
+    fn probabilities_are_short() {
+        for (p, text) in [(1.0, "1"), (0.1, "0.1"), (0.0476, "0.0476"), (2.0 / 252.0, "0.0079"), (0.00003, "< 0.0001")]
+        {
+            assert_eq!(probability(p), text);
         }
     }
 }

@@ -5,14 +5,18 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
 
+use crate::permutation::Permutation;
+
 /// Resamples of a bootstrap.
 pub const RESAMPLES: usize = 20_000;
-/// Seed of every bootstrap, so that the same runs always give the same report.
-const SEED: u64 = 2021;
+/// Seed of all random numbers of a report, so that the same runs always give the same report.
+pub const SEED: u64 = 2021;
 /// Share of the resamples that lie outside an interval.
 const OUTSIDE: f64 = 0.05;
 /// Least number of values for an interval.
 pub const FEWEST: usize = 3;
+/// A permutation test speaks for a difference if its p is below this.
+pub const SIGNIFICANT: f64 = 0.05;
 
 /// Summary of the values of some runs.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -38,12 +42,52 @@ pub struct Contrast {
     pub difference: f64,
     /// Its 95 % bootstrap interval, if both groups have enough values.
     pub interval: Option<[f64; 2]>,
+    /// The permutation test of the difference of means.
+    pub permutation: Permutation,
+}
+
+/// What a difference between two groups of values supports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// There is no interval.
+    NoInterval,
+    /// The groups are so small that no permutation test could support a difference.
+    TooFewForTest,
+    /// Interval and test both support that the second group is greater.
+    Greater,
+    /// Interval and test both support that the second group is smaller.
+    Smaller,
+    /// One of interval and test supports a difference and the other does not, or they point to different sides.
+    Disagree,
+    /// Neither supports a difference.
+    Open,
 }
 
 impl Contrast {
     /// Tells whether the interval excludes zero; `None` without an interval.
     pub fn excludes_zero(&self) -> Option<bool> {
         self.interval.map(|[low, high]| low > 0.0 || high < 0.0)
+    }
+
+    /// Tells whether the permutation test speaks for a difference.
+    pub fn is_significant(&self) -> bool {
+        self.permutation.p < SIGNIFICANT
+    }
+
+    /// Returns what the difference supports: something only where the interval excludes zero, `p` is below
+    /// [`SIGNIFICANT`], and both point to the same side.
+    pub fn verdict(&self) -> Verdict {
+        let Some([low, high]) = self.interval else { return Verdict::NoInterval };
+        let (above, below) = (low > 0.0, high < 0.0);
+        let side = self.permutation.difference_of_means;
+        match self.is_significant() {
+            _ if self.permutation.least_p >= SIGNIFICANT => Verdict::TooFewForTest,
+            true if above && side > 0.0 => Verdict::Greater,
+            true if below && side < 0.0 => Verdict::Smaller,
+            false if !above && !below => Verdict::Open,
+            _ => Verdict::Disagree,
+        }
     }
 }
 
@@ -124,7 +168,11 @@ impl Bootstrap {
         let mean = |group: usize| interquartile_mean(self.groups.get(group)?);
         let (a, b) = (self.resampled.get(first)?, self.resampled.get(second)?);
         let differences = a.iter().zip(b).map(|(a, b)| b - a).collect();
-        Some(Contrast { difference: mean(second)? - mean(first)?, interval: interval(differences) })
+        Some(Contrast {
+            difference: mean(second)? - mean(first)?,
+            interval: interval(differences),
+            permutation: Permutation::new(self.groups.get(first)?, self.groups.get(second)?)?,
+        })
     }
 }
 
@@ -193,7 +241,8 @@ mod tests {
         let contrast = bootstrap.contrast(0, 1).expect("values");
         assert!(close(contrast.difference, 0.105_833_333, 1e-6));
         check(contrast.interval, [-0.0375, 0.2408]);
-        assert_eq!(contrast.excludes_zero(), Some(false));
+        assert_eq!((contrast.excludes_zero(), contrast.verdict()), (Some(false), Verdict::Open));
+        assert_eq!(contrast.permutation.p, 164.0 / 1287.0);
         assert_eq!((five.n, five.median, five.min, five.max), (5, 0.815, 0.68, 0.95));
     }
 
@@ -216,8 +265,34 @@ mod tests {
         assert_eq!(bootstrap.contrast(0, 1).and_then(|c| c.excludes_zero()), Some(true));
         assert_eq!(bootstrap.contrast(1, 0).and_then(|c| c.excludes_zero()), Some(true));
         let few = bootstrap.contrast(0, 2).expect("values");
-        assert_eq!((few.interval, few.excludes_zero()), (None, None));
+        assert_eq!((few.interval, few.excludes_zero(), few.verdict()), (None, None, Verdict::NoInterval));
         assert_eq!((bootstrap.contrast(0, 3), bootstrap.estimate(3)), (None, None));
         assert_eq!(bootstrap.estimate(2).and_then(|e| e.interval), None);
+    }
+
+    #[test]
+    fn a_difference_is_supported_only_where_interval_and_test_agree() {
+        let verdict = |a: &[f64], b: &[f64]| {
+            let contrast = Bootstrap::new(vec![a.to_vec(), b.to_vec()]).contrast(0, 1).expect("values");
+            (contrast.excludes_zero(), contrast.verdict())
+        };
+        let (low, high) = ([0.5, 0.52, 0.54, 0.5, 0.53], [0.9, 0.91, 0.95, 0.93, 0.92]);
+        assert_eq!(verdict(&low, &high), (Some(true), Verdict::Greater));
+        assert_eq!(verdict(&high, &low), (Some(true), Verdict::Smaller));
+        assert_eq!(verdict(&low, &low), (Some(false), Verdict::Open));
+        // Three against three: the interval is clear, but the least p is 0.1.
+        assert_eq!(verdict(&low[..3], &high[..3]), (Some(true), Verdict::TooFewForTest));
+        assert_eq!(verdict(&low[..3], &high[..4]), (Some(true), Verdict::Greater));
+        // The final success of docs/results/runs.csv: p is 16 / 252.
+        let measured = verdict(&[0.98, 0.935, 0.925, 0.95, 0.955], &[0.98, 0.97, 0.97, 0.965, 0.98]);
+        assert_eq!(measured, (Some(true), Verdict::Disagree));
+        // The other way round, and with opposite signs.
+        let of = |interval: [f64; 2], difference_of_means: f64, p: f64| {
+            let permutation = Permutation { difference_of_means, p, least_p: 0.008, n_relabellings: 252, exact: true };
+            Contrast { difference: 0.1, interval: Some(interval), permutation }.verdict()
+        };
+        assert_eq!(of([-0.01, 0.2], 0.1, 0.03), Verdict::Disagree);
+        assert_eq!(of([0.01, 0.2], -0.1, 0.03), Verdict::Disagree);
+        assert_eq!([of([0.01, 0.2], 0.1, 0.05), of([0.01, 0.2], 0.1, 0.049)], [Verdict::Disagree, Verdict::Greater]);
     }
 }

@@ -1,5 +1,5 @@
 //! Postural synergies: the principal component analysis of postures, the commands that its components can give, the
-//! comparison of two such spaces, and the exported files for a controller.
+//! comparison of two such spaces, what a set of postures holds, and the exported files for a controller.
 //!
 //! A posture is a row of numbers, one for each named joint. The crate knows nothing of learning, simulation or any
 //! particular hand. The feature `database` (on by default) adds [`PostureDatabase`], which keeps postures in SQLite.
@@ -29,6 +29,7 @@ mod actuation;
 mod atomic;
 mod command;
 mod compare;
+mod content;
 #[cfg(feature = "database")]
 mod database;
 mod error;
@@ -42,6 +43,7 @@ mod projector;
 
 pub use command::CommandSpace;
 pub use compare::{cumulative_explained_variance, principal_angles};
+pub use content::Content;
 #[cfg(feature = "database")]
 pub use database::{MotionRecord, PostureDatabase, PostureRecord, Source};
 pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};

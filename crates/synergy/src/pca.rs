@@ -9,6 +9,7 @@ use crate::projector::Projector;
 
 mod eigen;
 mod parts;
+pub(crate) use eigen::principal_components;
 pub(crate) use parts::{SynergyParts, check_numbers};
 
 /// A synergy space: the mean posture and the `k` orthonormal directions in which the postures vary most.
@@ -71,7 +72,7 @@ impl Synergy {
             return Err(SynergyError::NoComponents);
         }
         let k = k.min(n_joints);
-        let (components, eigenvalues) = eigen::principal_components(&covariance, k)?;
+        let (components, eigenvalues) = principal_components(&covariance, k)?;
         let mut synergy = Synergy {
             joints: joints.to_vec(),
             contribution: eigen::contribution_rates(&eigenvalues, k),

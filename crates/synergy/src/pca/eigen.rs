@@ -9,7 +9,7 @@ use crate::SynergyError;
 const SIGN_TIE: f64 = 1e-9;
 
 /// (symmetric covariance: n x n, k <= n) => (components: k x n row-major, all eigenvalues, falling: n)
-pub(super) fn principal_components(covariance: &Mat<f64>, k: usize) -> Result<(Vec<f64>, Vec<f64>), SynergyError> {
+pub(crate) fn principal_components(covariance: &Mat<f64>, k: usize) -> Result<(Vec<f64>, Vec<f64>), SynergyError> {
     let failed = || SynergyError::Decomposition { what: "covariance" };
     let n_joints = covariance.nrows();
     let finite = |j| covariance.col_as_slice(j).iter().all(|entry| entry.is_finite());
