@@ -12,7 +12,7 @@ const EPISODES: u64 = 200;
 /// Measures the success rate of a run's policy, without exploration and on new episodes
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
-    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.object_friction=[0.8,0.01,0.002]'")]
+    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.friction=[0.8,0.8]'")]
 pub struct Args {
     /// Run directory
     run: PathBuf,

@@ -12,6 +12,7 @@ use eigenhand_hands::xmltree::{Element, XMLNode};
 use crate::SimError;
 use crate::objects::Object;
 use crate::physics::{Cone, PhysicsConfig};
+use crate::setting::middle;
 
 /// Name of the plane's geom.
 pub const PLANE: &str = "scene/plane";
@@ -24,6 +25,9 @@ pub const OBJECT_GEOM: &str = "scene/object_geom";
 /// Name of the body that the slide moves and that carries the hand.
 pub const MOUNT: &str = "scene/mount";
 
+/// Priority of the object's geom. MuJoCo takes friction and contact parameters of a pair from the geom of higher
+/// priority; without this, it takes the larger friction of the two.
+const OBJECT_PRIORITY: i32 = 1000;
 const HAND_CLASS: &str = "scene/hand";
 /// Mass in kg and inertia in kg m2 of the slide's carriage, small compared with any hand.
 const CARRIAGE_MASS: f64 = 0.05;
@@ -231,7 +235,8 @@ fn object_body(object: &Object, physics: &PhysicsConfig) -> Element {
                 ("contype", "1".into()),
                 ("conaffinity", "1".into()),
                 ("condim", "6".into()),
-                ("friction", numbers(&physics.object_friction)),
+                ("priority", OBJECT_PRIORITY.to_string()),
+                ("friction", numbers(&physics.friction_with(middle(physics.friction)))),
                 ("rgba", "0.85 0.45 0.2 1".into()),
             ],
         ),

@@ -11,7 +11,7 @@ use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
-use crate::setting::{Setting, TaskConfig};
+use crate::setting::{Setting, TaskConfig, middle};
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
 
 /// One entry of the observation.
@@ -40,7 +40,7 @@ pub(crate) struct Addresses {
 
 /// One object's compiled scene.
 pub struct ObjectScene {
-    /// The object.
+    /// The object; its size is in the middle of `task.object_scale`.
     pub object: Object,
     /// The scene as it can be written to a file.
     pub scene: Scene,
@@ -134,8 +134,8 @@ impl GraspTask {
         config.validate()?;
         physics.validate()?;
         reward.validate()?;
-        let objects: Vec<Object> =
-            objects.iter().map(|name| Object::named(name, hand.manifest.objects.scale)).collect::<Result<_, _>>()?;
+        let scale = hand.manifest.objects.scale * middle(config.object_scale);
+        let objects: Vec<Object> = objects.iter().map(|name| Object::named(name, scale)).collect::<Result<_, _>>()?;
         let first = objects.first().ok_or(SimError::Setting {
             name: "objects",
             expected: "at least one object",
@@ -185,6 +185,11 @@ impl GraspTask {
             slide_top: hand.manifest.slide.range[1],
             scenes,
         })
+    }
+
+    /// Tells whether size or friction of the object differs from episode to episode.
+    pub fn varies(&self) -> bool {
+        [self.config.object_scale, self.physics.friction].iter().any(|[low, high]| low < high)
     }
 
     /// Returns the number of values of an observation.
@@ -338,17 +343,13 @@ impl ObjectScene {
         Ok(Data::new(&self.model)?)
     }
 
-    /// Allocates a simulation of the object alone on the plane; its `qpos` and `qvel` are the object's pose and
-    /// velocity.
-    ///
-    /// # Errors
-    /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
-    pub(crate) fn resting_data(&self) -> Result<Data, SimError> {
-        Ok(Data::new(&self.resting)?)
+    /// Returns the model of the object alone on the plane; its `qpos` and `qvel` are the object's pose and velocity.
+    pub(crate) fn resting(&self) -> &Arc<Model> {
+        &self.resting
     }
 
-    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the object's
-    /// shape.
+    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the shape of
+    /// [`object`](Self::object).
     ///
     /// Its principal axes are those of the turned object. Its principal values are the half sizes of the box that has
     /// the object's mass and inertia. When an object is turned by one of its symmetries, these numbers stay the same; a

@@ -23,12 +23,13 @@ use crate::summary::Summary;
 use crate::task::task_of;
 
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
-const SCENE_KEYS: [&str; 8] = [
+const SCENE_KEYS: [&str; 9] = [
     "physics.",
     "reward.success_distance",
     "task.final_steps",
     "task.goal_height",
     "task.object_range",
+    "task.object_scale",
     "task.orientation",
     "task.settle_time",
     "task.steps",
