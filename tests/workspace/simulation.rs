@@ -209,6 +209,58 @@ fn a_ball_of_low_friction_slides_out_of_the_gripper() {
     assert!(slippery < 0.005, "lifted by {slippery} m");
 }
 
+/// Between the pads of the gripper stands a post, which the pads hit when they close without an object.
+#[test]
+fn links_of_the_hand_collide_with_one_another_when_asked_to() {
+    let post = r#"<body pos="0 0 -0.04"><joint name="post_joint" axis="0 0 1" range="0 0.001"/>
+        <geom type="box" size="0.02 0.01 0.03" mass="0.05"/></body>"#;
+    let [(through, none), (stopped, depth)] = [false, true].map(|on| {
+        let task = task(&tiny(&[&format!("physics.self_collision={on}")]), &gripper_with(post, ""));
+        assert_eq!(task.self_contacts.is_some(), on);
+        let mut env = GraspEnv::new(&task).unwrap();
+        env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+        (0..30).for_each(|_| _ = env.step(&[1.0, 1.0]).unwrap());
+        let left = task.posture_joints.iter().position(|joint| joint.name == "left_joint").unwrap();
+        let mut posture = vec![0.0; task.posture_joints.len()];
+        env.posture(&mut posture);
+        (posture[left], env.self_penetration())
+    });
+    // A pad touches the post when it has moved by 42 mm; without the post, it moves by 50 mm.
+    assert!(through > 0.047 && none == 0.0, "moved by {through} m, {none} m deep");
+    assert!(stopped < 0.044 && depth > 0.0 && depth < 0.002, "moved by {stopped} m, {depth} m deep");
+}
+
+#[test]
+fn bodies_that_overlap_in_the_open_posture_do_not_collide() {
+    let beside = |y: f64| {
+        let body = format!(
+            r#"<body name="beside" pos="0 {y} -0.04"><joint name="beside_joint" axis="0 0 1" range="0 0.001"/>
+            <geom type="box" size="0.02 0.008 0.03" mass="0.05"/></body>"#
+        );
+        let task = task(&tiny(&["physics.self_collision=true"]), &gripper_with(&body, ""));
+        task.self_contacts.as_ref().unwrap().excluded().to_vec()
+    };
+    assert_eq!(beside(0.05), [("left".to_owned(), "beside".to_owned())]);
+    assert!(beside(0.0).is_empty());
+}
+
+#[test]
+fn every_hand_is_free_of_contact_at_the_start_with_self_collision() {
+    for hand in every_hand() {
+        let mut layers = Layers::new(Preset::Default).unwrap();
+        layers.set("hand", hand.manifest.name.clone(), "test").unwrap();
+        layers.add_assignment("physics.self_collision=true").unwrap();
+        layers.add_assignment("objects=[\"cube\"]").unwrap();
+        let task = task(&layers.resolve().unwrap(), &hand);
+        let mut env = GraspEnv::new(&task).unwrap();
+        env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+        assert_eq!(env.self_penetration(), 0.0, "{}", hand.manifest.name);
+        let (_, warnings) = random_episode(&mut env, 5, 0, 50);
+        assert!(warnings.is_clear(), "{}: {warnings:?}", hand.manifest.name);
+        println!("{}: {:?}", hand.manifest.name, task.self_contacts.as_ref().unwrap().excluded());
+    }
+}
+
 /// Returns `qpos` after each step of an episode with random actions, and the observation after the reset.
 fn trajectory(env: &mut GraspEnv, scene: usize, index: u64) -> (Vec<f64>, Vec<f32>) {
     let task = Arc::clone(env.task());

@@ -8,6 +8,7 @@ use rand::{Rng, RngExt};
 use crate::SimError;
 use crate::reward::StepFacts;
 use crate::scene::OBJECT_GEOM;
+use crate::self_contacts::deepest;
 use crate::setting::{Orientation, middle};
 use crate::task::{Addresses, GraspTask, ObjectScene};
 use eigenhand_mujoco::{Data, Model, WarningCounts};
@@ -243,6 +244,12 @@ impl GraspEnv {
     /// Returns the contacts at the end of the last step.
     pub fn facts(&self) -> StepFacts {
         self.facts
+    }
+
+    /// Returns the deepest penetration between two geoms of the hand, in m; 0 without `physics.self_collision`.
+    pub fn self_penetration(&self) -> f64 {
+        let at = &self.task.scenes[self.current].addresses;
+        if self.task.physics.self_collision { deepest(self.simulation(), at) } else { 0.0 }
     }
 
     /// Writes the values of the posture's joints, in rad and m.

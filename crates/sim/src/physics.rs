@@ -36,6 +36,8 @@ pub struct PhysicsConfig {
     pub torsional_friction: f64,
     /// Rolling friction of the object's contacts, in m.
     pub rolling_friction: f64,
+    /// Whether the links of the hand collide with one another.
+    pub self_collision: bool,
 }
 
 impl PhysicsConfig {

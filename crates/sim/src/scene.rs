@@ -12,6 +12,7 @@ use eigenhand_hands::xmltree::{Element, XMLNode};
 use crate::SimError;
 use crate::objects::Object;
 use crate::physics::{Cone, PhysicsConfig};
+use crate::self_contacts::SelfContacts;
 use crate::setting::middle;
 
 /// Name of the plane's geom.
@@ -53,11 +54,18 @@ impl Scene {
     /// Composes the scene of `hand` and `object`.
     ///
     /// `lifted_mass` in kg is the mass that the slide's servo carries, which is the hand's. The servo balances its
-    /// weight, and the limits on the speed of the slide depend on it. It is known once a scene has been compiled.
+    /// weight, and the limits on the speed of the slide depend on it. It is known once a scene has been compiled. With
+    /// `self_contacts`, the links of the hand collide with one another.
     ///
     /// # Errors
     /// [`SimError::Hand`] when the hand's file has no body, [`SimError::ReadAsset`] for a file it names.
-    pub fn compose(hand: &Hand, object: &Object, physics: &PhysicsConfig, lifted_mass: f64) -> Result<Scene, SimError> {
+    pub fn compose(
+        hand: &Hand,
+        object: &Object,
+        physics: &PhysicsConfig,
+        lifted_mass: f64,
+        self_contacts: Option<&SelfContacts>,
+    ) -> Result<Scene, SimError> {
         let model = &hand.model;
         let mut root = element("mujoco", &[("model", format!("{}-{}", hand.manifest.name, object.name))]);
         append(&mut root, compiler(model));
@@ -70,7 +78,11 @@ impl Scene {
         append(&mut world, light());
         append(&mut world, plane());
         append(&mut world, object_body(object, physics));
-        append(&mut world, mount(hand)?);
+        let mut carriage = mount(hand)?;
+        if let Some(contacts) = self_contacts {
+            contacts.apply(&mut carriage, hand)?;
+        }
+        append(&mut world, carriage);
         append(&mut root, world);
 
         let mut assets = Vec::new();
@@ -90,6 +102,9 @@ impl Scene {
                         item.attributes.entry("class".to_owned()).or_insert_with(|| HAND_CLASS.to_owned());
                     }
                 }
+            }
+            if let Some(contacts) = self_contacts.filter(|_| name == "contact") {
+                contacts.exclude(&mut section);
             }
             if name == "asset" {
                 collect_files(&mut section, hand, &mut assets)?;
@@ -154,7 +169,8 @@ fn size(model: &Element, physics: &PhysicsConfig) -> Element {
         elements(parent).map(|child| usize::from(child.name == "geom") + geoms(child)).sum()
     }
     let hand_geoms: usize = elements(model).filter(|s| s.name == "worldbody").map(geoms).sum();
-    let contacts = 30 + 2 * hand_geoms;
+    let for_each_geom = if physics.self_collision { 4 } else { 2 };
+    let contacts = 30 + for_each_geom * hand_geoms;
     // Constraint rows of one contact with the object, which has six dimensions.
     let rows = match physics.cone {
         Cone::Elliptic => 6,

@@ -11,6 +11,7 @@ use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
+use crate::self_contacts::SelfContacts;
 use crate::setting::{Setting, TaskConfig, middle};
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
 
@@ -82,6 +83,8 @@ pub struct GraspTask {
     pub physics: PhysicsConfig,
     /// Settings of success.
     pub reward: RewardConfig,
+    /// What lets the links of the hand collide with one another, with `physics.self_collision`.
+    pub self_contacts: Option<SelfContacts>,
     /// One scene for each object, in the setting's order.
     pub scenes: Vec<ObjectScene>,
     /// The posture's joints, in order.
@@ -141,21 +144,33 @@ impl GraspTask {
             expected: "at least one object",
             got: "none".to_owned(),
         })?;
-        let compile = |object: &Object, mass| -> Result<(Scene, Model), SimError> {
-            let scene = Scene::compose(hand, object, &physics, mass)?;
+        let compile = |object: &Object, mass, contacts: Option<&SelfContacts>| -> Result<(Scene, Model), SimError> {
+            let scene = Scene::compose(hand, object, &physics, mass, contacts)?;
             let model = Model::from_xml(library, &scene.xml, &scene.assets)?;
             Ok((scene, model))
         };
-        let (_, weighed) = compile(first, 0.0)?;
+        let (_, weighed) = compile(first, 0.0, None)?;
         let mass = weighed.subtree_mass(weighed.body(MOUNT)?);
+        let find = || {
+            let compose = |contacts: &SelfContacts| Scene::compose(hand, first, &physics, mass, Some(contacts));
+            SelfContacts::find(library, hand, &weighed, compose)
+        };
+        let self_contacts = physics.self_collision.then(find).transpose()?;
         let scenes: Vec<ObjectScene> = objects
-            .into_iter()
+            .iter()
             .map(|object| {
-                let (scene, model) = compile(&object, mass)?;
+                let (scene, model) = compile(object, mass, self_contacts.as_ref())?;
                 let addresses = Addresses::resolve(&model, hand)?;
                 let inertia_box = InertiaBox::of(&model, model.geom_body(addresses.object));
-                let resting = Arc::new(Model::from_xml(library, &resting_scene(&object, &physics), &[])?);
-                Ok(ObjectScene { object, scene, model: Arc::new(model), addresses, resting, inertia_box })
+                let resting = Arc::new(Model::from_xml(library, &resting_scene(object, &physics), &[])?);
+                Ok(ObjectScene {
+                    object: object.clone(),
+                    scene,
+                    model: Arc::new(model),
+                    addresses,
+                    resting,
+                    inertia_box,
+                })
             })
             .collect::<Result<_, SimError>>()?;
 
@@ -183,6 +198,7 @@ impl GraspTask {
             control_ranges,
             start_ctrl,
             slide_top: hand.manifest.slide.range[1],
+            self_contacts,
             scenes,
         })
     }
@@ -299,7 +315,7 @@ fn start_controls(hand: &Hand, n_actuators: usize) -> Result<Vec<f64>, SimError>
 }
 
 impl Addresses {
-    fn resolve(model: &Model, hand: &Hand) -> Result<Addresses, SimError> {
+    pub(crate) fn resolve(model: &Model, hand: &Hand) -> Result<Addresses, SimError> {
         let joints = &hand.posture;
         let ids = joints.iter().map(|joint| model.joint(&joint.name)).collect::<Result<Vec<_>, _>>()?;
         let object = model.joint(OBJECT_JOINT)?;

@@ -75,6 +75,7 @@ impl Trainer {
             eval_episodes: evaluation.map_or(0, |e| e.all.episodes),
             eval_successes: evaluation.map(|e| e.all.successes),
             mean_penetration_m: evaluation.map(|e| e.mean_penetration),
+            mean_self_penetration_m: evaluation.map(|e| e.mean_self_penetration),
             policy_episode,
             last_evaluation: counters.last_evaluation,
             n_postures: counters.postures,

@@ -95,6 +95,7 @@ impl FinishedRun {
             objects: found.objects.iter().map(|(object, tally)| ObjectScore::of(object, *tally)).collect(),
             mean_final_distance_m: found.mean_final_distance,
             mean_penetration_m: found.mean_penetration,
+            mean_self_penetration_m: found.mean_self_penetration,
             diverged: found.diverged,
             warnings: found.warnings,
         })
