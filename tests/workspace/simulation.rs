@@ -189,6 +189,143 @@ fn threads_that_share_a_model_do_not_disturb_one_another() {
     assert_eq!(alone, together);
 }
 
+/// Returns the height in m to which a gripper lifts a ball.
+fn lifted(friction: &str) -> f64 {
+    let task = task(&tiny(&["objects=[\"sphere\"]", friction]), &gripper());
+    let mut env = GraspEnv::new(&task).unwrap();
+    env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+    let start = f64::from(env.achieved_goal()[2]);
+    for (steps, action) in [(15, [-1.0, -1.0]), (15, [-1.0, 1.0]), (30, [1.0, 1.0])] {
+        (0..steps).for_each(|_| _ = env.step(&action).unwrap());
+    }
+    f64::from(env.achieved_goal()[2]) - start
+}
+
+/// The gripper's own friction is 2, and MuJoCo takes the larger of two frictions of equal priority.
+#[test]
+fn a_ball_of_low_friction_slides_out_of_the_gripper() {
+    let (sticky, slippery) = (lifted("physics.friction=[0.9, 0.9]"), lifted("physics.friction=[0.02, 0.02]"));
+    assert!(sticky > 0.05, "lifted by {sticky} m");
+    assert!(slippery < 0.005, "lifted by {slippery} m");
+}
+
+/// Between the pads of the gripper stands a post, which the pads hit when they close without an object.
+#[test]
+fn links_of_the_hand_collide_with_one_another_when_asked_to() {
+    let post = r#"<body pos="0 0 -0.04"><joint name="post_joint" axis="0 0 1" range="0 0.001"/>
+        <geom type="box" size="0.02 0.01 0.03" mass="0.05"/></body>"#;
+    let [(through, none), (stopped, depth)] = [false, true].map(|on| {
+        let task = task(&tiny(&[&format!("physics.self_collision={on}")]), &gripper_with(post, ""));
+        assert_eq!(task.self_contacts.is_some(), on);
+        let mut env = GraspEnv::new(&task).unwrap();
+        env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+        (0..30).for_each(|_| _ = env.step(&[1.0, 1.0]).unwrap());
+        let left = task.posture_joints.iter().position(|joint| joint.name == "left_joint").unwrap();
+        let mut posture = vec![0.0; task.posture_joints.len()];
+        env.posture(&mut posture);
+        (posture[left], env.self_penetration())
+    });
+    // A pad touches the post when it has moved by 42 mm; without the post, it moves by 50 mm.
+    assert!(through > 0.047 && none == 0.0, "moved by {through} m, {none} m deep");
+    assert!(stopped < 0.044 && depth > 0.0 && depth < 0.002, "moved by {stopped} m, {depth} m deep");
+}
+
+#[test]
+fn bodies_that_overlap_in_the_open_posture_do_not_collide() {
+    let beside = |y: f64| {
+        let body = format!(
+            r#"<body name="beside" pos="0 {y} -0.04"><joint name="beside_joint" axis="0 0 1" range="0 0.001"/>
+            <geom type="box" size="0.02 0.008 0.03" mass="0.05"/></body>"#
+        );
+        let task = task(&tiny(&["physics.self_collision=true"]), &gripper_with(&body, ""));
+        task.self_contacts.as_ref().unwrap().excluded().to_vec()
+    };
+    assert_eq!(beside(0.05), [("left".to_owned(), "beside".to_owned())]);
+    assert!(beside(0.0).is_empty());
+}
+
+#[test]
+fn every_hand_is_free_of_contact_at_the_start_with_self_collision() {
+    for hand in every_hand() {
+        let mut layers = Layers::new(Preset::Default).unwrap();
+        layers.set("hand", hand.manifest.name.clone(), "test").unwrap();
+        layers.add_assignment("physics.self_collision=true").unwrap();
+        layers.add_assignment("objects=[\"cube\"]").unwrap();
+        let task = task(&layers.resolve().unwrap(), &hand);
+        let mut env = GraspEnv::new(&task).unwrap();
+        env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+        assert_eq!(env.self_penetration(), 0.0, "{}", hand.manifest.name);
+        let (_, warnings) = random_episode(&mut env, 5, 0, 50);
+        assert!(warnings.is_clear(), "{}: {warnings:?}", hand.manifest.name);
+        println!("{}: {:?}", hand.manifest.name, task.self_contacts.as_ref().unwrap().excluded());
+    }
+}
+
+/// Returns `qpos` after each step of an episode with random actions, and the observation after the reset.
+fn trajectory(env: &mut GraspEnv, scene: usize, index: u64) -> (Vec<f64>, Vec<f32>) {
+    let task = Arc::clone(env.task());
+    let mut observation = vec![0.0; task.observation_len()];
+    env.reset(scene, &mut rng::stream(1, "simulation", index)).unwrap();
+    env.observe(&mut observation);
+    let mut random = rng::stream(2, "simulation", index);
+    let mut seen = env.simulation().qpos().to_vec();
+    for _ in 0..10 {
+        let action: Vec<f32> = (0..task.action_len()).map(|_| random.random_range(-1.0..=1.0)).collect();
+        env.step(&action).unwrap();
+        seen.extend_from_slice(env.simulation().qpos());
+    }
+    (seen, observation)
+}
+
+#[test]
+fn an_object_of_drawn_size_and_friction_simulates_as_a_compiled_one() {
+    let objects = "objects=[\"cube\", \"capsule\", \"ellipsoid\"]";
+    let task_with = |scale: String, friction: String| task(&tiny(&[objects, &scale, &friction]), &gripper());
+    let drawn = task_with("task.object_scale=[0.7, 1.1]".to_owned(), "physics.friction=[0.3, 1.2]".to_owned());
+    let mut env = GraspEnv::new(&drawn).unwrap();
+    let mut sizes = Vec::new();
+    for index in 0..6 {
+        let scene = index as usize % 3;
+        let (seen, observation) = trajectory(&mut env, scene, index);
+        let (scale, friction) = (env.object_scale(), env.friction());
+        assert!((0.7..=1.1).contains(&scale) && (0.3..=1.2).contains(&friction), "{scale}, {friction}");
+        sizes.push(scale);
+        let fixed = task_with(
+            format!("task.object_scale=[{scale}, {scale}]"),
+            format!("physics.friction=[{friction}, {friction}]"),
+        );
+        let mut fixed = GraspEnv::new(&fixed).unwrap();
+        let (expected, expected_observation) = trajectory(&mut fixed, scene, index);
+        assert_eq!(seen.len(), expected.len());
+        let worst = seen.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(worst < 1e-9, "episode {index}: the trajectories differ by {worst}");
+        for (a, b) in observation.iter().zip(&expected_observation) {
+            assert!((a - b).abs() < 1e-6, "episode {index}: observed {a}, expected {b}");
+        }
+        // Other episodes came before; a fresh environment plays the same one.
+        assert_eq!(trajectory(&mut GraspEnv::new(&drawn).unwrap(), scene, index).0, seen);
+    }
+    sizes.dedup();
+    assert_eq!(sizes.len(), 6);
+}
+
+#[test]
+fn draws_change_neither_poses_nor_goals_of_an_episode() {
+    let settings = ["task.object_scale=[0.999, 1.001]", "physics.friction=[0.9, 1.1]", "task.orientation=any"];
+    let [drawn, fixed] = [&settings[..], &settings[2..]].map(|settings| task(&tiny(settings), &gripper()));
+    let start = |task: &Arc<GraspTask>| {
+        let mut env = GraspEnv::new(task).unwrap();
+        env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+        env.desired_goal()
+    };
+    for (a, b) in start(&drawn).into_iter().zip(start(&fixed)) {
+        assert!((a - b).abs() < 1e-3, "{a}, {b}");
+    }
+    let mut middle = GraspEnv::without_draws(&drawn).unwrap();
+    middle.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+    assert_eq!((middle.object_scale(), middle.friction()), (1.0, 1.0));
+}
+
 #[test]
 fn an_episode_is_a_function_of_its_job() {
     let config = tiny(&[]);

@@ -137,7 +137,6 @@ fn measure(task: &Arc<GraspTask>, threads: usize, duration: Duration, turns: &mu
 /// Runs episodes with random held commands, each piece once in the environment and once without it.
 fn run(task: &Arc<GraspTask>, stream: u64, duration: Duration) -> Result<Pieces, BenchError> {
     let mut env = GraspEnv::new(task)?;
-    let mut bare = task.scenes.iter().map(|scene| scene.data()).collect::<Result<Vec<Data>, _>>()?;
     let mut random = rng::stream(0, "bench", stream);
     let (n_actions, n_controls) = (task.action_len(), task.actuators.len());
     let mut actions = vec![0.0f32; n_actions * task.config.steps];
@@ -163,7 +162,8 @@ fn run(task: &Arc<GraspTask>, stream: u64, duration: Duration) -> Result<Pieces,
         let reset = Instant::now();
         env.reset(scene, &mut random)?;
         pieces.resets.push(reset.elapsed().as_secs_f64());
-        let bare = &mut bare[scene];
+        // It shares the model of the environment, which may change at the next reset.
+        let mut bare = Data::new(env.simulation().model())?;
         bare.copy_from(env.simulation())?;
         for (index, first) in (0..task.config.steps).step_by(CHUNK).enumerate() {
             let steps = first..(first + CHUNK).min(task.config.steps);

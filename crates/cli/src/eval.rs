@@ -12,7 +12,7 @@ const EPISODES: u64 = 200;
 /// Measures the success rate of a run's policy, without exploration and on new episodes
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
-    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.object_friction=[0.8,0.01,0.002]'")]
+    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.friction=[0.8,0.8]'")]
 pub struct Args {
     /// Run directory
     run: PathBuf,
@@ -104,6 +104,10 @@ fn describe(found: &Assessment) -> String {
     if found.successes > 0 {
         let depth = 1000.0 * found.mean_penetration_m;
         text.push_str(&format!("\nmean penetration between object and hand in successes: {depth:.1} mm"));
+        if found.mean_self_penetration_m > 0.0 {
+            let depth = 1000.0 * found.mean_self_penetration_m;
+            text.push_str(&format!("\nmean penetration between links of the hand in successes: {depth:.1} mm"));
+        }
     }
     text.push('\n');
     if found.diverged > 0 {

@@ -203,8 +203,8 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
 
     let changed =
         |setting: &str| run(&["eval", out_text, "--episodes", "6", "--seed", "3", "--json", "--set", setting]);
-    let slippery = json(&changed("physics.object_friction=[0.01, 0.001, 0.0001]"));
-    assert_eq!(slippery["changed"][0], "physics.object_friction=[0.01, 0.001, 0.0001]");
+    let slippery = json(&changed("physics.friction=[0.01, 0.02]"));
+    assert_eq!(slippery["changed"][0], "physics.friction=[0.01, 0.02]");
     assert_ne!(slippery["mean_final_distance_m"], first["mean_final_distance_m"]);
     for setting in ["learner.gamma=0.9", "task.observe_shape=false", "learner.gamma=0.5"] {
         assert_error(&changed(setting), USAGE, &[setting, "physics.*"]);

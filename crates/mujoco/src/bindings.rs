@@ -772,6 +772,7 @@ pub struct MuJoCoLibrary {
     ) -> *mut mjModel,
     pub mj_step: unsafe extern "C" fn(m: *const mjModel, d: *mut mjData),
     pub mj_forward: unsafe extern "C" fn(m: *const mjModel, d: *mut mjData),
+    pub mj_copyModel: unsafe extern "C" fn(dest: *mut mjModel, src: *const mjModel) -> *mut mjModel,
     pub mj_deleteModel: unsafe extern "C" fn(m: *mut mjModel),
     pub mj_makeData: unsafe extern "C" fn(m: *const mjModel) -> *mut mjData,
     pub mj_copyData: unsafe extern "C" fn(
@@ -781,6 +782,7 @@ pub struct MuJoCoLibrary {
     ) -> *mut mjData,
     pub mj_resetData: unsafe extern "C" fn(m: *const mjModel, d: *mut mjData),
     pub mj_deleteData: unsafe extern "C" fn(d: *mut mjData),
+    pub mj_setConst: unsafe extern "C" fn(m: *mut mjModel, d: *mut mjData),
     pub mj_name2id: unsafe extern "C" fn(
         m: *const mjModel,
         type_: ::std::os::raw::c_int,
@@ -827,11 +829,13 @@ impl MuJoCoLibrary {
         let mj_loadXML = __library.get(b"mj_loadXML\0").map(|sym| *sym)?;
         let mj_step = __library.get(b"mj_step\0").map(|sym| *sym)?;
         let mj_forward = __library.get(b"mj_forward\0").map(|sym| *sym)?;
+        let mj_copyModel = __library.get(b"mj_copyModel\0").map(|sym| *sym)?;
         let mj_deleteModel = __library.get(b"mj_deleteModel\0").map(|sym| *sym)?;
         let mj_makeData = __library.get(b"mj_makeData\0").map(|sym| *sym)?;
         let mj_copyData = __library.get(b"mj_copyData\0").map(|sym| *sym)?;
         let mj_resetData = __library.get(b"mj_resetData\0").map(|sym| *sym)?;
         let mj_deleteData = __library.get(b"mj_deleteData\0").map(|sym| *sym)?;
+        let mj_setConst = __library.get(b"mj_setConst\0").map(|sym| *sym)?;
         let mj_name2id = __library.get(b"mj_name2id\0").map(|sym| *sym)?;
         let mj_id2name = __library.get(b"mj_id2name\0").map(|sym| *sym)?;
         let mj_objectVelocity = __library.get(b"mj_objectVelocity\0").map(|sym| *sym)?;
@@ -845,11 +849,13 @@ impl MuJoCoLibrary {
             mj_loadXML,
             mj_step,
             mj_forward,
+            mj_copyModel,
             mj_deleteModel,
             mj_makeData,
             mj_copyData,
             mj_resetData,
             mj_deleteData,
+            mj_setConst,
             mj_name2id,
             mj_id2name,
             mj_objectVelocity,
@@ -886,6 +892,9 @@ impl MuJoCoLibrary {
     pub unsafe fn mj_forward(&self, m: *const mjModel, d: *mut mjData) {
         (self.mj_forward)(m, d)
     }
+    pub unsafe fn mj_copyModel(&self, dest: *mut mjModel, src: *const mjModel) -> *mut mjModel {
+        (self.mj_copyModel)(dest, src)
+    }
     pub unsafe fn mj_deleteModel(&self, m: *mut mjModel) {
         (self.mj_deleteModel)(m)
     }
@@ -905,6 +914,9 @@ impl MuJoCoLibrary {
     }
     pub unsafe fn mj_deleteData(&self, d: *mut mjData) {
         (self.mj_deleteData)(d)
+    }
+    pub unsafe fn mj_setConst(&self, m: *mut mjModel, d: *mut mjData) {
+        (self.mj_setConst)(m, d)
     }
     pub unsafe fn mj_name2id(
         &self,

@@ -13,8 +13,10 @@ use crate::{BodyId, GeomId, Model, SiteId};
 
 /// The state of one simulation; it keeps its [`Model`] alive.
 pub struct Data {
-    model: Arc<Model>,
-    raw: NonNull<mjData>,
+    pub(crate) model: Arc<Model>,
+    /// The model of which `model` is a changeable copy.
+    pub(crate) original: Option<Arc<Model>>,
+    pub(crate) raw: NonNull<mjData>,
 }
 
 // SAFETY: an mjData is owned by one `Data` and touched only through it.
@@ -74,7 +76,7 @@ impl Data {
         // SAFETY: the model is valid.
         let raw = unsafe { (model.library.api.mj_makeData)(model.raw.as_ptr()) };
         let raw = NonNull::new(raw).ok_or(MuJoCoError::OutOfMemory)?;
-        Ok(Data { model: Arc::clone(model), raw })
+        Ok(Data { model: Arc::clone(model), original: None, raw })
     }
 
     /// Returns the model.
@@ -221,7 +223,7 @@ impl Data {
 /// # Safety
 /// Unless `count` is 0, `first` points at `count` initialised values that nothing else reads or writes
 /// during `'a`.
-unsafe fn slice_of_mut<'a, T>(first: *mut T, count: usize) -> &'a mut [T] {
+pub(crate) unsafe fn slice_of_mut<'a, T>(first: *mut T, count: usize) -> &'a mut [T] {
     if count == 0 || first.is_null() {
         return &mut [];
     }

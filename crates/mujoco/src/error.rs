@@ -67,6 +67,9 @@ pub enum MuJoCoError {
     /// MuJoCo could not allocate the simulation state.
     #[error("MuJoCo could not allocate the simulation state (out of memory)")]
     OutOfMemory,
+    /// A model that others may use was to be changed.
+    #[error("the model of the simulation is shared, so it cannot be changed")]
+    SharedModel,
     /// Two states of different models were mixed.
     #[error("the two simulation states belong to different models")]
     OtherModel,

@@ -39,8 +39,13 @@ impl Model {
 
     /// Tells whether a geom takes part in collisions.
     pub fn geom_collides(&self, id: GeomId) -> bool {
+        self.geom_contact_bits(id) != (0, 0)
+    }
+
+    /// Returns a geom's `contype` and `conaffinity`.
+    pub fn geom_contact_bits(&self, id: GeomId) -> (i32, i32) {
         let bits = |all| self.ints(all, self.get().ngeom)[id.0];
-        bits(self.get().geom_contype) != 0 || bits(self.get().geom_conaffinity) != 0
+        (bits(self.get().geom_contype), bits(self.get().geom_conaffinity))
     }
 
     /// Lists the joints that follow another joint because of an equality constraint.

@@ -131,6 +131,19 @@ impl Model {
         })
     }
 
+    /// Returns the part of `mesh_vert` that holds a geom's mesh; empty for a geom without one.
+    pub(crate) fn mesh_range(&self, id: GeomId) -> std::ops::Range<usize> {
+        let raw = self.get();
+        let mesh = match self.geom_shape(id) {
+            GeomShape::Mesh(_) => usize::try_from(self.ints(raw.geom_dataid, raw.ngeom)[id.0]).ok(),
+            _ => None,
+        };
+        mesh.map_or(0..0, |mesh| {
+            let first = self.ints(raw.mesh_vertadr, raw.nmesh)[mesh] as usize;
+            3 * first..3 * (first + self.ints(raw.mesh_vertnum, raw.nmesh)[mesh] as usize)
+        })
+    }
+
     fn floats(&self, first: *const f32, count: i32) -> &[f32] {
         // SAFETY: callers pass an array of this model with its own length.
         unsafe { slice_of(first, count) }

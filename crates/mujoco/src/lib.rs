@@ -1,9 +1,9 @@
 //! MuJoCo 2.2.2: finds the library, checks its version, and owns models and simulation states.
 //!
 //! The library is loaded at run time, so that everything builds on a machine without it. All `unsafe` code of the
-//! workspace that calls the simulator is in this crate. A [`Model`] is immutable, and threads may share it. A [`Data`]
-//! is one simulation: it belongs to one thread at a time and keeps its model alive. Ids are typed; a name is resolved
-//! to its id once.
+//! workspace that calls the simulator is in this crate. A [`Model`] that threads share is immutable. A [`Data`] is one
+//! simulation: it belongs to one thread at a time and keeps its model alive. It can change a model that it has to itself.
+//! Ids are typed; a name is resolved to its id once.
 //!
 //! ```no_run
 //! use std::sync::Arc;
@@ -20,6 +20,7 @@
 
 #[rustfmt::skip]
 mod bindings;
+mod changes;
 mod data;
 mod error;
 mod geometry;
@@ -28,6 +29,7 @@ mod ids;
 mod library;
 mod model;
 
+pub use changes::ModelChanges;
 pub use data::{Contact, Data, WarningCounts};
 pub use error::MuJoCoError;
 pub use geoms::{GeomShape, MeshView};

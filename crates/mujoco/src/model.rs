@@ -11,20 +11,21 @@ use crate::{ActuatorId, BodyId, GeomId, JointId, MuJoCo, SiteId};
 const SCENE_FILE: &str = "scene.xml";
 const ERROR_CAPACITY: usize = 1024;
 
-/// A compiled model, immutable after construction and shared by many [`Data`](crate::Data).
+/// A compiled model, shared by many [`Data`](crate::Data). It is immutable, except through the only
+/// [`Data`](crate::Data) that holds it.
 pub struct Model {
     pub(crate) library: Arc<MuJoCo>,
     pub(crate) raw: NonNull<mjModel>,
 }
 
-// SAFETY: the model is never written after construction, and MuJoCo's functions take it as const.
+// SAFETY: the model is written through `&mut Model` alone, and MuJoCo's other functions take it as const.
 unsafe impl Send for Model {}
 // SAFETY: as above.
 unsafe impl Sync for Model {}
 
 impl Drop for Model {
     fn drop(&mut self) {
-        // SAFETY: `raw` came from `mj_loadXML`, is owned here and is not used again.
+        // SAFETY: `raw` came from `mj_loadXML` or `mj_copyModel`, is owned here and is not used again.
         unsafe { (self.library.api.mj_deleteModel)(self.raw.as_ptr()) }
     }
 }
@@ -57,7 +58,7 @@ impl Model {
     }
 
     pub(crate) fn get(&self) -> &mjModel {
-        // SAFETY: `raw` is a valid model for as long as `self` lives, and nothing writes to it.
+        // SAFETY: `raw` is a valid model for as long as `self` lives, and `&self` excludes a writer.
         unsafe { self.raw.as_ref() }
     }
 

@@ -3,7 +3,7 @@
 # Needs: apt-get install libmujoco-dev libclang-14-dev; cargo install bindgen-cli --version 0.73.2
 set -eu
 cd "$(dirname "$0")"
-functions='mj_version|mj_loadXML|mj_deleteModel|mj_makeData|mj_deleteData|mj_copyData|mj_resetData|mj_forward|mj_step|mj_name2id|mj_id2name|mj_objectVelocity|mj_contactForce|mj_defaultVFS|mj_makeEmptyFileVFS|mj_deleteVFS|mju_user_error|mju_user_warning'
+functions='mj_version|mj_loadXML|mj_copyModel|mj_deleteModel|mj_makeData|mj_deleteData|mj_setConst|mj_copyData|mj_resetData|mj_forward|mj_step|mj_name2id|mj_id2name|mj_objectVelocity|mj_contactForce|mj_defaultVFS|mj_makeEmptyFileVFS|mj_deleteVFS|mju_user_error|mju_user_warning'
 bindgen "${MUJOCO_INCLUDE:-/usr/include}/mujoco/mujoco.h" \
   --dynamic-loading MuJoCoLibrary --dynamic-link-require-all \
   --allowlist-function "mj_version|$functions" \

@@ -7,9 +7,11 @@ use rand::{Rng, RngExt};
 
 use crate::SimError;
 use crate::reward::StepFacts;
-use crate::setting::Orientation;
-use crate::task::{Addresses, GraspTask};
-use eigenhand_mujoco::{Data, WarningCounts};
+use crate::scene::OBJECT_GEOM;
+use crate::self_contacts::deepest;
+use crate::setting::{Orientation, middle};
+use crate::task::{Addresses, GraspTask, ObjectScene};
+use eigenhand_mujoco::{Data, Model, WarningCounts};
 
 /// Height in m from which an object is dropped, so that it does not start inside the plane.
 const DROP: f64 = 0.001;
@@ -20,10 +22,22 @@ pub struct GraspEnv {
     simulations: Vec<Data>,
     /// For each scene, a simulation of its object alone on the plane.
     resting: Vec<Data>,
+    /// Whether size and friction are drawn; then each simulation has a model of its own.
+    draws: bool,
     current: usize,
+    drawn: Drawn,
     step: usize,
     desired_goal: [f32; GraspTask::GOAL_LEN],
     facts: StepFacts,
+}
+
+/// What is drawn for an episode besides poses and goal.
+#[derive(Clone, Copy)]
+struct Drawn {
+    /// Factor on the lengths of the object.
+    scale: f64,
+    /// Sliding friction.
+    friction: f64,
 }
 
 impl GraspEnv {
@@ -32,13 +46,27 @@ impl GraspEnv {
     /// # Errors
     /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
     pub fn new(task: &Arc<GraspTask>) -> Result<GraspEnv, SimError> {
-        let simulations = task.scenes.iter().map(|scene| scene.data()).collect::<Result<_, _>>()?;
-        let resting = task.scenes.iter().map(|scene| scene.resting_data()).collect::<Result<_, _>>()?;
+        Self::with(task, task.varies())
+    }
+
+    /// Allocates the simulations of an environment that draws neither size nor friction of an object: both are in the
+    /// middle of their ranges, as in the scenes' files.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn without_draws(task: &Arc<GraspTask>) -> Result<GraspEnv, SimError> {
+        Self::with(task, false)
+    }
+
+    fn with(task: &Arc<GraspTask>, draws: bool) -> Result<GraspEnv, SimError> {
+        let data = |model: &Arc<Model>| if draws { Data::of_own_model(model) } else { Data::new(model) };
         Ok(GraspEnv {
             task: Arc::clone(task),
-            simulations,
-            resting,
+            simulations: task.scenes.iter().map(|scene| data(&scene.model)).collect::<Result<_, _>>()?,
+            resting: task.scenes.iter().map(|scene| data(scene.resting())).collect::<Result<_, _>>()?,
+            draws,
             current: 0,
+            drawn: Drawn { scale: middle(task.config.object_scale), friction: middle(task.physics.friction) },
             step: 0,
             desired_goal: [0.0; GraspTask::GOAL_LEN],
             facts: StepFacts::default(),
@@ -66,7 +94,8 @@ impl GraspEnv {
     /// to the random place above which it was dropped, and the open hand is set to the slide's start.
     ///
     /// # Errors
-    /// [`SimError::Diverged`] when the simulation diverges during the drop.
+    /// [`SimError::Diverged`] when the simulation diverges during the drop. [`SimError::MuJoCo`] when size or friction
+    /// is drawn while something else holds the model of [`simulation`](Self::simulation).
     pub fn reset<R: Rng + ?Sized>(&mut self, index: usize, rng: &mut R) -> Result<(), SimError> {
         let task = Arc::clone(&self.task);
         let scene = &task.scenes[index];
@@ -77,9 +106,17 @@ impl GraspEnv {
         let range = task.config.object_range;
         let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
         let orientation = draw_orientation(task.config.orientation, rng);
+        let lift = draw(task.config.goal_height, rng);
+        // They come last, so that poses and goals are the same with and without them.
+        if self.draws {
+            let scale = draw(task.config.object_scale, rng);
+            self.drawn = Drawn { scale, friction: draw(task.physics.friction, rng) };
+        }
+        let relative = self.drawn.scale / middle(task.config.object_scale);
+        self.apply_draws(scene, relative)?;
+
         let resting = &mut self.resting[index];
-        resting.reset();
-        let height = scene.object.shape.depth_below_centre(&orientation) + DROP;
+        let height = scene.object.shape.scaled(relative).depth_below_centre(&orientation) + DROP;
         let q = orientation.quaternion();
         resting.qpos_mut().copy_from_slice(&[place[0], place[1], height, q.w, q.i, q.j, q.k]);
         let settling = (task.config.settle_time / task.physics.timestep).round() as usize;
@@ -97,7 +134,6 @@ impl GraspEnv {
             rest[3..7].iter_mut().for_each(|q| *q = -*q);
         }
         let data = &mut self.simulations[index];
-        data.reset();
         data.qpos_mut().copy_from_slice(&at.start_qpos);
         data.ctrl_mut().copy_from_slice(&task.start_ctrl);
         let object = &mut data.qpos_mut()[at.object_qpos..at.object_qpos + 7];
@@ -105,11 +141,41 @@ impl GraspEnv {
         object[..2].copy_from_slice(&place);
         data.forward();
 
-        let [low, high] = task.config.goal_height;
-        let lift = if high > low { rng.random_range(low..=high) } else { low };
         self.desired_goal = [place[0] as f32, place[1] as f32, (rest[2] + lift) as f32];
         self.facts = read_facts(&self.simulations[index], at);
         Ok(())
+    }
+
+    /// Resets both simulations of a scene, with the drawn size and friction of the object.
+    fn apply_draws(&mut self, scene: &ObjectScene, relative_scale: f64) -> Result<(), SimError> {
+        let (data, resting) = (&mut self.simulations[self.current], &mut self.resting[self.current]);
+        if !self.draws {
+            data.reset();
+            resting.reset();
+            return Ok(());
+        }
+        let friction = self.task.physics.friction_with(self.drawn.friction);
+        let vary = self.task.config.object_scale[0] < self.task.config.object_scale[1];
+        for (data, geom) in [(data, scene.object_geom()), (resting, scene.resting().geom(OBJECT_GEOM)?)] {
+            let body = data.model().geom_body(geom);
+            data.change_model(|model| {
+                model.set_friction(geom, friction);
+                if vary {
+                    model.scale_body(body, relative_scale);
+                }
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Returns the factor on the lengths of the object in this episode.
+    pub fn object_scale(&self) -> f64 {
+        self.drawn.scale
+    }
+
+    /// Returns the sliding friction of the object in this episode.
+    pub fn friction(&self) -> f64 {
+        self.drawn.friction
     }
 
     /// Moves the object along x and y on the plane.
@@ -147,7 +213,8 @@ impl GraspEnv {
         let data = &self.simulations[self.current];
         let (qpos, qvel) = (data.qpos(), data.qvel());
         let orientation = std::array::from_fn(|i| qpos[at.object_qpos + 3 + i]);
-        let shape = self.task.config.observe_shape.then(|| scene.shape_along_axes(orientation));
+        let relative = self.drawn.scale / middle(self.task.config.object_scale);
+        let shape = self.task.config.observe_shape.then(|| scene.shape_along_axes(orientation).map(|h| h * relative));
         let values = at
             .posture_qpos
             .iter()
@@ -179,6 +246,12 @@ impl GraspEnv {
         self.facts
     }
 
+    /// Returns the deepest penetration between two geoms of the hand, in m; 0 without `physics.self_collision`.
+    pub fn self_penetration(&self) -> f64 {
+        let at = &self.task.scenes[self.current].addresses;
+        if self.task.physics.self_collision { deepest(self.simulation(), at) } else { 0.0 }
+    }
+
     /// Writes the values of the posture's joints, in rad and m.
     pub fn posture(&self, posture: &mut [f64]) {
         let qpos = self.simulation().qpos();
@@ -192,6 +265,11 @@ impl GraspEnv {
     pub fn warnings(&self) -> WarningCounts {
         self.simulation().warnings()
     }
+}
+
+/// Draws uniformly from a range; takes no random number if it is a single value.
+fn draw<R: Rng + ?Sized>([low, high]: [f64; 2], rng: &mut R) -> f64 {
+    if high > low { rng.random_range(low..=high) } else { low }
 }
 
 fn draw_orientation<R: Rng + ?Sized>(kind: Orientation, rng: &mut R) -> UnitQuaternion<f64> {

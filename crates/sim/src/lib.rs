@@ -8,6 +8,7 @@ mod objects;
 mod physics;
 mod reward;
 pub mod scene;
+mod self_contacts;
 mod setting;
 mod task;
 
@@ -16,5 +17,6 @@ pub use error::SimError;
 pub use objects::{Object, Shape};
 pub use physics::{Cone, PhysicsConfig};
 pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};
+pub use self_contacts::SelfContacts;
 pub use setting::{Orientation, Setting, TaskConfig};
 pub use task::{GraspTask, ObjectScene, ObservationEntry};

@@ -40,7 +40,8 @@ pub enum Shape {
 }
 
 impl Shape {
-    fn scaled(self, factor: f64) -> Shape {
+    /// Returns the shape with its lengths multiplied by `factor`.
+    pub fn scaled(self, factor: f64) -> Shape {
         let by = |half: [f64; 3]| half.map(|h| h * factor);
         match self {
             Shape::Sphere { radius } => Shape::Sphere { radius: radius * factor },

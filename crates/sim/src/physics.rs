@@ -30,11 +30,22 @@ pub struct PhysicsConfig {
     pub noslip_iterations: usize,
     /// Largest number of iterations of the constraint solver.
     pub solver_iterations: usize,
-    /// Sliding (no unit), torsional (m) and rolling (m) friction of the object.
-    pub object_friction: [f64; 3],
+    /// Lowest and highest sliding friction of the object's contacts; drawn uniformly for each episode.
+    pub friction: [f64; 2],
+    /// Torsional friction of the object's contacts, in m.
+    pub torsional_friction: f64,
+    /// Rolling friction of the object's contacts, in m.
+    pub rolling_friction: f64,
+    /// Whether the links of the hand collide with one another.
+    pub self_collision: bool,
 }
 
 impl PhysicsConfig {
+    /// Returns the sliding, torsional and rolling friction of a geom with this sliding friction.
+    pub(crate) fn friction_with(&self, sliding: f64) -> [f64; 3] {
+        [sliding, self.torsional_friction, self.rolling_friction]
+    }
+
     /// Returns the duration of a control step in s.
     pub fn control_period(&self) -> f64 {
         self.timestep * self.substeps as f64
@@ -78,11 +89,17 @@ impl PhysicsConfig {
             "a whole number up to 1000",
             self.noslip_iterations.to_string(),
         )?;
+        let [low, high] = self.friction;
         check(
-            "physics.object_friction",
-            self.object_friction.iter().all(|f| f.is_finite() && *f >= 0.0),
-            "three numbers that are not negative",
-            format!("{:?}", self.object_friction),
-        )
+            "physics.friction",
+            0.0 <= low && low <= high && high.is_finite(),
+            "two numbers that are not negative, the lower first",
+            format!("{:?}", self.friction),
+        )?;
+        let length = "a number of m that is not negative";
+        let good = |friction: f64| friction >= 0.0 && friction.is_finite();
+        let torsional = self.torsional_friction;
+        check("physics.torsional_friction", good(torsional), length, torsional.to_string())?;
+        check("physics.rolling_friction", good(self.rolling_friction), length, self.rolling_friction.to_string())
     }
 }

@@ -12,6 +12,8 @@ use eigenhand_hands::xmltree::{Element, XMLNode};
 use crate::SimError;
 use crate::objects::Object;
 use crate::physics::{Cone, PhysicsConfig};
+use crate::self_contacts::SelfContacts;
+use crate::setting::middle;
 
 /// Name of the plane's geom.
 pub const PLANE: &str = "scene/plane";
@@ -24,6 +26,9 @@ pub const OBJECT_GEOM: &str = "scene/object_geom";
 /// Name of the body that the slide moves and that carries the hand.
 pub const MOUNT: &str = "scene/mount";
 
+/// Priority of the object's geom. MuJoCo takes friction and contact parameters of a pair from the geom of higher
+/// priority; without this, it takes the larger friction of the two.
+const OBJECT_PRIORITY: i32 = 1000;
 const HAND_CLASS: &str = "scene/hand";
 /// Mass in kg and inertia in kg m2 of the slide's carriage, small compared with any hand.
 const CARRIAGE_MASS: f64 = 0.05;
@@ -49,11 +54,18 @@ impl Scene {
     /// Composes the scene of `hand` and `object`.
     ///
     /// `lifted_mass` in kg is the mass that the slide's servo carries, which is the hand's. The servo balances its
-    /// weight, and the limits on the speed of the slide depend on it. It is known once a scene has been compiled.
+    /// weight, and the limits on the speed of the slide depend on it. It is known once a scene has been compiled. With
+    /// `self_contacts`, the links of the hand collide with one another.
     ///
     /// # Errors
     /// [`SimError::Hand`] when the hand's file has no body, [`SimError::ReadAsset`] for a file it names.
-    pub fn compose(hand: &Hand, object: &Object, physics: &PhysicsConfig, lifted_mass: f64) -> Result<Scene, SimError> {
+    pub fn compose(
+        hand: &Hand,
+        object: &Object,
+        physics: &PhysicsConfig,
+        lifted_mass: f64,
+        self_contacts: Option<&SelfContacts>,
+    ) -> Result<Scene, SimError> {
         let model = &hand.model;
         let mut root = element("mujoco", &[("model", format!("{}-{}", hand.manifest.name, object.name))]);
         append(&mut root, compiler(model));
@@ -66,7 +78,11 @@ impl Scene {
         append(&mut world, light());
         append(&mut world, plane());
         append(&mut world, object_body(object, physics));
-        append(&mut world, mount(hand)?);
+        let mut carriage = mount(hand)?;
+        if let Some(contacts) = self_contacts {
+            contacts.apply(&mut carriage, hand)?;
+        }
+        append(&mut world, carriage);
         append(&mut root, world);
 
         let mut assets = Vec::new();
@@ -86,6 +102,9 @@ impl Scene {
                         item.attributes.entry("class".to_owned()).or_insert_with(|| HAND_CLASS.to_owned());
                     }
                 }
+            }
+            if let Some(contacts) = self_contacts.filter(|_| name == "contact") {
+                contacts.exclude(&mut section);
             }
             if name == "asset" {
                 collect_files(&mut section, hand, &mut assets)?;
@@ -150,7 +169,8 @@ fn size(model: &Element, physics: &PhysicsConfig) -> Element {
         elements(parent).map(|child| usize::from(child.name == "geom") + geoms(child)).sum()
     }
     let hand_geoms: usize = elements(model).filter(|s| s.name == "worldbody").map(geoms).sum();
-    let contacts = 30 + 2 * hand_geoms;
+    let for_each_geom = if physics.self_collision { 4 } else { 2 };
+    let contacts = 30 + for_each_geom * hand_geoms;
     // Constraint rows of one contact with the object, which has six dimensions.
     let rows = match physics.cone {
         Cone::Elliptic => 6,
@@ -231,7 +251,8 @@ fn object_body(object: &Object, physics: &PhysicsConfig) -> Element {
                 ("contype", "1".into()),
                 ("conaffinity", "1".into()),
                 ("condim", "6".into()),
-                ("friction", numbers(&physics.object_friction)),
+                ("priority", OBJECT_PRIORITY.to_string()),
+                ("friction", numbers(&physics.friction_with(middle(physics.friction)))),
                 ("rgba", "0.85 0.45 0.2 1".into()),
             ],
         ),

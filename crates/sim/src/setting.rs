@@ -28,6 +28,8 @@ pub struct TaskConfig {
     pub goal_height: [f64; 2],
     /// Half width in m of the square in which the object is placed; its centre is below the hand.
     pub object_range: f64,
+    /// Lowest and highest factor on the object's lengths; drawn uniformly for each episode. The mass stays.
+    pub object_scale: [f64; 2],
     /// Orientation of the object when it is dropped.
     pub orientation: Orientation,
     /// Time in s that a dropped object has to come to rest.
@@ -66,6 +68,13 @@ impl TaskConfig {
             "a length from 0 to 0.5 m",
             self.object_range.to_string(),
         )?;
+        let [low, high] = self.object_scale;
+        check(
+            "task.object_scale",
+            0.1 <= low && low <= high && high <= 10.0,
+            "two factors from 0.1 to 10, the lower first",
+            format!("{:?}", self.object_scale),
+        )?;
         check(
             "task.settle_time",
             (0.0..=5.0).contains(&self.settle_time),
@@ -73,6 +82,11 @@ impl TaskConfig {
             self.settle_time.to_string(),
         )
     }
+}
+
+/// (lowest, highest) => the value in the middle, at which scenes are compiled.
+pub(crate) fn middle([low, high]: [f64; 2]) -> f64 {
+    (low + high) / 2.0
 }
 
 /// Everything that determines a grasp task, except its hand.

@@ -11,7 +11,8 @@ use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
-use crate::setting::{Setting, TaskConfig};
+use crate::self_contacts::SelfContacts;
+use crate::setting::{Setting, TaskConfig, middle};
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
 
 /// One entry of the observation.
@@ -40,7 +41,7 @@ pub(crate) struct Addresses {
 
 /// One object's compiled scene.
 pub struct ObjectScene {
-    /// The object.
+    /// The object; its size is in the middle of `task.object_scale`.
     pub object: Object,
     /// The scene as it can be written to a file.
     pub scene: Scene,
@@ -82,6 +83,8 @@ pub struct GraspTask {
     pub physics: PhysicsConfig,
     /// Settings of success.
     pub reward: RewardConfig,
+    /// What lets the links of the hand collide with one another, with `physics.self_collision`.
+    pub self_contacts: Option<SelfContacts>,
     /// One scene for each object, in the setting's order.
     pub scenes: Vec<ObjectScene>,
     /// The posture's joints, in order.
@@ -134,28 +137,40 @@ impl GraspTask {
         config.validate()?;
         physics.validate()?;
         reward.validate()?;
-        let objects: Vec<Object> =
-            objects.iter().map(|name| Object::named(name, hand.manifest.objects.scale)).collect::<Result<_, _>>()?;
+        let scale = hand.manifest.objects.scale * middle(config.object_scale);
+        let objects: Vec<Object> = objects.iter().map(|name| Object::named(name, scale)).collect::<Result<_, _>>()?;
         let first = objects.first().ok_or(SimError::Setting {
             name: "objects",
             expected: "at least one object",
             got: "none".to_owned(),
         })?;
-        let compile = |object: &Object, mass| -> Result<(Scene, Model), SimError> {
-            let scene = Scene::compose(hand, object, &physics, mass)?;
+        let compile = |object: &Object, mass, contacts: Option<&SelfContacts>| -> Result<(Scene, Model), SimError> {
+            let scene = Scene::compose(hand, object, &physics, mass, contacts)?;
             let model = Model::from_xml(library, &scene.xml, &scene.assets)?;
             Ok((scene, model))
         };
-        let (_, weighed) = compile(first, 0.0)?;
+        let (_, weighed) = compile(first, 0.0, None)?;
         let mass = weighed.subtree_mass(weighed.body(MOUNT)?);
+        let find = || {
+            let compose = |contacts: &SelfContacts| Scene::compose(hand, first, &physics, mass, Some(contacts));
+            SelfContacts::find(library, hand, &weighed, compose)
+        };
+        let self_contacts = physics.self_collision.then(find).transpose()?;
         let scenes: Vec<ObjectScene> = objects
-            .into_iter()
+            .iter()
             .map(|object| {
-                let (scene, model) = compile(&object, mass)?;
+                let (scene, model) = compile(object, mass, self_contacts.as_ref())?;
                 let addresses = Addresses::resolve(&model, hand)?;
                 let inertia_box = InertiaBox::of(&model, model.geom_body(addresses.object));
-                let resting = Arc::new(Model::from_xml(library, &resting_scene(&object, &physics), &[])?);
-                Ok(ObjectScene { object, scene, model: Arc::new(model), addresses, resting, inertia_box })
+                let resting = Arc::new(Model::from_xml(library, &resting_scene(object, &physics), &[])?);
+                Ok(ObjectScene {
+                    object: object.clone(),
+                    scene,
+                    model: Arc::new(model),
+                    addresses,
+                    resting,
+                    inertia_box,
+                })
             })
             .collect::<Result<_, SimError>>()?;
 
@@ -183,8 +198,14 @@ impl GraspTask {
             control_ranges,
             start_ctrl,
             slide_top: hand.manifest.slide.range[1],
+            self_contacts,
             scenes,
         })
+    }
+
+    /// Tells whether size or friction of the object differs from episode to episode.
+    pub fn varies(&self) -> bool {
+        [self.config.object_scale, self.physics.friction].iter().any(|[low, high]| low < high)
     }
 
     /// Returns the number of values of an observation.
@@ -294,7 +315,7 @@ fn start_controls(hand: &Hand, n_actuators: usize) -> Result<Vec<f64>, SimError>
 }
 
 impl Addresses {
-    fn resolve(model: &Model, hand: &Hand) -> Result<Addresses, SimError> {
+    pub(crate) fn resolve(model: &Model, hand: &Hand) -> Result<Addresses, SimError> {
         let joints = &hand.posture;
         let ids = joints.iter().map(|joint| model.joint(&joint.name)).collect::<Result<Vec<_>, _>>()?;
         let object = model.joint(OBJECT_JOINT)?;
@@ -338,17 +359,13 @@ impl ObjectScene {
         Ok(Data::new(&self.model)?)
     }
 
-    /// Allocates a simulation of the object alone on the plane; its `qpos` and `qvel` are the object's pose and
-    /// velocity.
-    ///
-    /// # Errors
-    /// [`MuJoCoError::OutOfMemory`](eigenhand_mujoco::MuJoCoError::OutOfMemory).
-    pub(crate) fn resting_data(&self) -> Result<Data, SimError> {
-        Ok(Data::new(&self.resting)?)
+    /// Returns the model of the object alone on the plane; its `qpos` and `qvel` are the object's pose and velocity.
+    pub(crate) fn resting(&self) -> &Arc<Model> {
+        &self.resting
     }
 
-    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the object's
-    /// shape.
+    /// `(orientation: w, x, y, z) => xx, yy, zz, xy, xz, yz` in m: a symmetric matrix that describes the shape of
+    /// [`object`](Self::object).
     ///
     /// Its principal axes are those of the turned object. Its principal values are the half sizes of the box that has
     /// the object's mass and inertia. When an object is turned by one of its symmetries, these numbers stay the same; a

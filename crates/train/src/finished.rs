@@ -28,12 +28,13 @@ use crate::summary::Summary;
 use crate::task::task_of;
 
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
-const SCENE_KEYS: [&str; 8] = [
+const SCENE_KEYS: [&str; 9] = [
     "physics.",
     "reward.success_distance",
     "task.final_steps",
     "task.goal_height",
     "task.object_range",
+    "task.object_scale",
     "task.orientation",
     "task.settle_time",
     "task.steps",
@@ -99,6 +100,7 @@ impl FinishedRun {
             objects: found.objects.iter().map(|(object, tally)| ObjectScore::of(object, *tally)).collect(),
             mean_final_distance_m: found.mean_final_distance,
             mean_penetration_m: found.mean_penetration,
+            mean_self_penetration_m: found.mean_self_penetration,
             diverged: found.diverged,
             warnings: found.warnings,
         })

@@ -268,7 +268,7 @@ fn policy_record(products: &Products) -> PolicyRecord {
 fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError> {
     create_directory(directory)?;
     let task = products.task;
-    let mut env = GraspEnv::new(task)?;
+    let mut env = GraspEnv::without_draws(task)?;
     let mut scratch = products.policy.scratch();
     let mut steps = Vec::new();
     for (index, scene) in task.scenes.iter().enumerate() {

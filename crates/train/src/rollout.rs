@@ -79,6 +79,8 @@ pub struct Episode {
     pub held_steps: u64,
     /// Deepest penetration between object and hand in the last steps, in m.
     pub penetration: f64,
+    /// Deepest penetration between two geoms of the hand in the last steps, in m.
+    pub self_penetration: f64,
     /// Counts of MuJoCo's warnings.
     pub warnings: WarningCounts,
 }
@@ -128,6 +130,7 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
         final_distance: f64::NAN,
         held_steps: 0,
         penetration: 0.0,
+        self_penetration: 0.0,
         warnings: WarningCounts::default(),
     };
     let outcome = play(env, scratch, job, scene, &mut env_rng, &mut explore_rng, &mut exploration, &mut episode);
@@ -178,6 +181,7 @@ fn play(
         succeeded_in_a_row = if task.reward.succeeds(&achieved, &goal, facts) { succeeded_in_a_row + 1 } else { 0 };
         if t + task.config.final_steps >= n_steps {
             episode.penetration = episode.penetration.max(facts.penetration);
+            episode.self_penetration = episode.self_penetration.max(env.self_penetration());
         }
     }
     episode.success = succeeded_in_a_row >= task.config.final_steps;
