@@ -5,12 +5,12 @@
 
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_rl::{ActorChoice, Batch, Ddpg, Dimensions, ExplorationConfig, rng, sample_batch};
+use eigenhand_rl::{ActionMap, ActorChoice, Batch, Ddpg, Dimensions, ExplorationConfig, RlError, rng, sample_batch};
 use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
 use eigenhand_synergy::Synergy;
 use eigenhand_train::config::RunConfig;
 use eigenhand_train::feedback::{Feedback, GraspReward, Penalty};
-use eigenhand_train::{Behaviour, EpisodeJob, actuation_map, episode_shape, run_episode, task_of};
+use eigenhand_train::{Behaviour, EpisodeJob, episode_shape, run_episode, task_of};
 use rand::RngExt;
 use serde::{Deserialize, Serialize};
 
@@ -50,7 +50,7 @@ pub struct AllocationCounts {
 pub fn allocations(setting: &BenchSetting, count: Counter) -> Result<AllocationCounts, BenchError> {
     let (config, hand, library) = setting.load()?;
     let task = task_of(&config, &hand, &library)?;
-    let (per_update, per_sampling) = of_learner(&config, &hand, &task, count)?;
+    let (per_update, per_sampling) = of_learner(&config, &task, count)?;
     let steps = config.task.steps;
     let whole = of_episodes(&config, steps, &hand, &library, count)?;
     let half = of_episodes(&config, steps / 2, &hand, &library, count)?;
@@ -59,7 +59,7 @@ pub fn allocations(setting: &BenchSetting, count: Counter) -> Result<AllocationC
 }
 
 /// Returns the allocations of an update, and of drawing its minibatch.
-fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter) -> Result<(f64, f64), BenchError> {
+fn of_learner(config: &RunConfig, task: &GraspTask, count: Counter) -> Result<(f64, f64), BenchError> {
     let shape = episode_shape(task);
     let joints = &task.posture_joints;
     let mut random = rng::stream(0, "bench", 0);
@@ -67,10 +67,9 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     let postures: Vec<Vec<f64>> = (0..POSTURES).map(|_| posture()).collect();
     let synergy = Synergy::fit(joints, &postures, config.synergy.components)?;
     // The literal penalty, because the default has none.
-    let mut feedback = Feedback::new(1.0, Penalty::Literal, 1.0, 0);
+    let mut feedback = Feedback::new(1.0, Penalty::Literal, 0);
     feedback.follow(Some(synergy));
-    let cost = feedback.action_cost(&actuation_map(hand, task));
-    // The object is always held in the learner's benchmark. So every step succeeds, and has both penalty and cost.
+    // The object is always held in the learner's benchmark. So every step succeeds, and has a penalty.
     let config_of_success = RewardConfig { success_distance: f64::MAX };
     let reward = GraspReward { config: config_of_success, n_joints: joints.len(), feedback };
     let Bench { mut learner, replay, threads, .. } = Bench::new(config.learner.clone(), config.her, shape, 1)?;
@@ -88,12 +87,18 @@ fn of_learner(config: &RunConfig, hand: &Hand, task: &GraspTask, count: Counter)
     sample();
     let samplings = count(&mut || (0..UPDATES).for_each(|_| sample()));
     outcome?;
-    learner.set_action_cost(cost);
+    learner.set_action_map(Some(confined(shape.act_dim)?));
     let updates = threads.install(|| {
         learner.update(&batch);
         count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch)))
     });
     Ok((updates as f64 / UPDATES as f64, samplings as f64 / UPDATES as f64))
+}
+
+/// Returns a map of actions like that of a policy that is half confined.
+fn confined(n: usize) -> Result<ActionMap, RlError> {
+    let matrix = (0..n * n).map(|i| if i % (n + 1) == 0 { 0.5 } else { 0.01 }).collect();
+    ActionMap::new(matrix, vec![0.0; n], n)
 }
 
 /// Returns the allocations of an episode with a number of steps.

@@ -6,7 +6,7 @@ use crate::adam::{Adam, Follow};
 use crate::config::ACTION_L2_DIMENSIONS;
 use crate::matrix::{Aligned, zeros};
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
-use crate::{ActionCost, ActionMap, ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Policy, RlError, RunningNormalizer, elementwise};
+use crate::{ActionMap, ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Policy, RlError, RunningNormalizer, elementwise};
 
 /// A network, the target that follows it, and its optimiser.
 #[derive(Clone, Debug, PartialEq)]
@@ -106,7 +106,6 @@ pub struct Ddpg {
     pub(crate) observation: RunningNormalizer,
     pub(crate) goal: RunningNormalizer,
     pub(crate) n_updates: u64,
-    action_cost: Option<ActionCost>,
     /// None: the actor's outputs are the actions.
     action_map: Option<ActionMap>,
     act_dim: usize,
@@ -124,8 +123,6 @@ struct Scratch {
     action_gradient: Vec<f32>,
     /// By the actor's outputs, where these are not the actions.
     output_gradient: Vec<f32>,
-    /// For [`ActionCost`], 2 x act_dim.
-    deviations: Vec<f32>,
     actor: MlpScratch,
     critic: MlpScratch,
     actor_gradient: Aligned,
@@ -166,7 +163,6 @@ impl Ddpg {
             value_gradient: vec![0.0; batch],
             action_gradient: vec![0.0; batch * act_dim],
             output_gradient: vec![0.0; batch * n_outputs],
-            deviations: vec![0.0; 2 * act_dim],
             actor: actor.scratch(batch),
             critic: critic.scratch(batch),
             actor_gradient: zeros(actor.parameters().len()),
@@ -179,7 +175,6 @@ impl Ddpg {
             observation: RunningNormalizer::new(config.normalizer, obs_dim),
             goal: RunningNormalizer::new(config.normalizer, goal_dim),
             n_updates: 0,
-            action_cost: None,
             action_map: None,
             act_dim,
             scratch,
@@ -213,7 +208,7 @@ impl Ddpg {
         self.fill_inputs(batch);
         let (target_mean, clipped_share) = self.compute_targets(&batch.rewards);
         let (critic_loss, q_mean) = self.update_critic(tau);
-        let (actor_loss, action_square_mean) = self.update_actor(tau, &batch.rewards);
+        let (actor_loss, action_square_mean) = self.update_actor(tau);
         let share = self.config.average_share(self.n_updates);
         elementwise::polyak(share, self.actor.online.parameters(), self.average.parameters_mut());
         UpdateStats { critic_loss, actor_loss, q_mean, target_mean, clipped_share, action_square_mean }
@@ -233,16 +228,6 @@ impl Ddpg {
     pub fn set_learning_rates(&mut self, actor: f32, critic: f32) {
         self.actor.adam.set_learning_rate(actor);
         self.critic.adam.set_learning_rate(critic);
-    }
-
-    /// Sets the cost that the following updates add to the actor's loss, besides that of `action_l2`. A checkpoint does not
-    /// hold it.
-    ///
-    /// # Panics
-    /// If the cost is for actions of another size.
-    pub fn set_action_cost(&mut self, cost: Option<ActionCost>) {
-        assert!(cost.as_ref().is_none_or(|cost| cost.act_dim() == self.act_dim()), "the cost is for other actions");
-        self.action_cost = cost;
     }
 
     /// Sets the map from the actor's outputs to actions, for the following updates and policies. A checkpoint does not hold
@@ -321,14 +306,13 @@ impl Ddpg {
     }
 
     /// Returns the loss and the mean square of the actions.
-    fn update_actor(&mut self, tau: Option<f32>, rewards: &[f32]) -> (f32, f32) {
+    fn update_actor(&mut self, tau: Option<f32>) -> (f32, f32) {
         let act_dim = self.act_dim();
         let Scratch {
             input,
             value_gradient,
             action_gradient,
             output_gradient,
-            deviations,
             actor,
             critic,
             actor_gradient,
@@ -356,13 +340,9 @@ impl Ddpg {
         };
         let slope = 2.0 * l2 / by_output.len() as f32;
         by_output.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += slope * a);
-        let cost = self
-            .action_cost
-            .as_ref()
-            .map(|cost| cost.add_gradient(rewards, actor.output(), by_output, deviations));
         self.actor.online.backward(x, by_output, actor, Some(actor_gradient), None);
         self.actor.step(actor_gradient, tau);
-        (l2 * square_mean - value_mean + cost.unwrap_or(0.0), square_mean)
+        (l2 * square_mean - value_mean, square_mean)
     }
 }
 

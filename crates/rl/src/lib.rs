@@ -14,7 +14,6 @@
 //! rayon pool share an update, and their number does not change its result. Everything else runs on the calling thread.
 #![forbid(unsafe_code)]
 
-mod action_cost;
 mod action_map;
 mod adam;
 mod checkpoint;
@@ -36,7 +35,6 @@ pub mod rng;
 mod sparse;
 mod tensors;
 
-pub use action_cost::ActionCost;
 pub use action_map::ActionMap;
 pub use config::{ACTION_L2_DIMENSIONS, DdpgConfig};
 pub use ddpg::{Ddpg, Dimensions, UpdateStats};

@@ -1,5 +1,4 @@
-//! Postural synergies: the principal component analysis of postures, the commands that its components can give, the
-//! comparison of two such spaces, what a set of postures holds, and the exported files for a controller.
+//! Postural synergies: the principal component analysis of postures or of commands, the comparison of two such spaces, what a set of postures holds, and the exported files for a controller.
 //!
 //! A posture is a row of numbers, one for each named joint. The crate knows nothing of learning, simulation or any
 //! particular hand. The feature `database` (on by default) adds [`PostureDatabase`], which keeps postures in SQLite.
@@ -27,7 +26,6 @@
 
 mod actuation;
 mod atomic;
-mod command;
 mod compare;
 mod content;
 #[cfg(feature = "database")]
@@ -41,7 +39,6 @@ mod npy;
 mod pca;
 mod projector;
 
-pub use command::CommandSpace;
 pub use compare::{cumulative_explained_variance, principal_angles};
 pub use content::Content;
 #[cfg(feature = "database")]

@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use eigenhand_rl::{ActorChoice, Batch, Ddpg, ExplorationConfig, Policy, Replay, rng, sample_batch};
 use eigenhand_sim::GraspTask;
-use eigenhand_synergy::{ActuationMap, Synergy};
+use eigenhand_synergy::Synergy;
 use rayon::ThreadPool;
 
 use crate::assignment::Assignment;
@@ -31,7 +31,6 @@ use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
-use crate::task::actuation_map;
 use crate::threads::learning_threads;
 
 /// A training run.
@@ -44,7 +43,6 @@ pub struct Trainer {
     batch: Batch,
     pub(crate) reward: GraspReward,
     exploration: ExplorationConfig,
-    actuation: ActuationMap,
     pub(crate) postures: Postures,
     pub(crate) control: Control,
     checkpoints: Checkpoints,
@@ -118,7 +116,6 @@ impl Trainer {
             control: Control::new(config, actuators),
             journal,
             exploration,
-            actuation: actuation_map(hand, task),
             wall_before: counters.wall_s,
             counters,
             finalists: Finalists::default(),
@@ -235,10 +232,9 @@ impl Trainer {
         self.confine()
     }
 
-    /// Computes the synergy of the postures so far, and updates its feedback into reward and actor.
+    /// Computes the synergy of the postures so far, and updates its feedback into the reward.
     fn refit(&mut self) -> Result<(), TrainError> {
         self.reward.feedback.follow(self.postures.fit()?);
-        self.learner.set_action_cost(self.reward.feedback.action_cost(&self.actuation));
         Ok(())
     }
 

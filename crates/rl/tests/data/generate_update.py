@@ -2,10 +2,10 @@
 
 Usage: python3 generate_update.py            writes update_default.safetensors and update_plain.safetensors beside itself
 
-`default` has a critic with layer normalisation and a cost of actions, as a training has. `plain` has neither.
+`default` has a critic with layer normalisation and an action map, as a training has. `plain` has neither.
 
 Each file holds the learner's checkpoint before (`before.*`) and after (`after.*`) the update, the minibatch (`batch.*`),
-the cost of actions (`cost.*`) and the logged numbers (`stats.*`). Written from the equations (Lillicrap et al. 2016, Ba et
+the action map (`map.*`) and the logged numbers (`stats.*`). Written from the equations (Lillicrap et al. 2016, Ba et
 al. 2016, Kingma and Ba 2015, OpenAI baselines HER, docs/algorithms.md), not from the Rust code.
 """
 
@@ -25,8 +25,8 @@ TARGET_SPREAD = 16
 ADAM_STEPS_BEFORE, UPDATES_BEFORE = 3, 3
 AVERAGE_UPDATES = 3
 LAYER_NORM_EPSILON = 1e-5
-# Some of the batch's rewards, which lie in [-1, 0], are above it.
-COST_ABOVE = -0.5
+# Widens the map so that some actions are clamped.
+MAP_SPREAD = 1.5
 
 
 def rounded(x):
@@ -130,15 +130,27 @@ class Normalizer:
         }
 
 
-def action_cost(matrix, rewards, actions):
-    """The mean cost of the actions and its gradient."""
-    earned = rewards > COST_ABOVE
-    assert 1 < earned.sum() < len(rewards), "choose another seed"
-    deviation = actions[earned] - actions[earned].mean(axis=0)
-    gradient = np.zeros_like(actions)
-    # Each action also moves the mean, by one part in as many as have earned enough.
-    gradient[earned] = 2 * (deviation - deviation.mean(axis=0)) @ matrix
-    return np.einsum("ni,ij,nj", deviation, matrix, deviation) / len(rewards), gradient / len(rewards)
+class ActionMap:
+    """action = clip(matrix @ output + offset, -1, 1)"""
+
+    def __init__(self, rng):
+        self.matrix = rounded(np.eye(ACT) + MAP_SPREAD * rng.normal(0, 0.3, (ACT, ACT)))
+        self.offset = rounded(rng.normal(0, 0.3, ACT))
+
+    def forward(self, output):
+        return np.clip(output @ self.matrix.T + self.offset, -1, 1)
+
+    def backward(self, action, d):
+        """Gradient by the output; a clamped action has none."""
+        return np.where(np.abs(action) < 1, d, 0) @ self.matrix
+
+
+class Identity:
+    def forward(self, output):
+        return output
+
+    def backward(self, action, d):
+        return d
 
 
 def checkpoint(actor, average, critic, observation, goal, n_updates):
@@ -179,17 +191,16 @@ def generate(path, seed, default):
         "next_observations": rounded(rng.normal(0, 2, (BATCH, OBS))),
     }
     average = Net(rng, [state, *HIDDEN, ACT], tanh=True)
-    root = rng.normal(0, 1, (ACT, ACT))
-    cost = rounded(root @ root.T) if default else np.zeros((ACT, ACT))
+    action_map = ActionMap(rng) if default else Identity()
     before = checkpoint(actor, average, critic, observation, goal, UPDATES_BEFORE)
     tensors = {f"before.{k}": v for k, v in before.items()}
     tensors |= {f"batch.{k}": np.float32(v) for k, v in batch.items()}
     if default:
-        tensors |= {"cost.matrix": np.float32(cost), "cost.above": np.float32([COST_ABOVE])}
+        tensors |= {"map.matrix": np.float32(action_map.matrix), "map.offset": np.float32(action_map.offset)}
 
     s = np.hstack([observation(batch["observations"]), goal(batch["goals"])])
     s_next = np.hstack([observation(batch["next_observations"]), goal(batch["goals"])])
-    x_next = np.hstack([s_next, actor.target.forward(s_next)])
+    x_next = np.hstack([s_next, action_map.forward(actor.target.forward(s_next))])
     raw = batch["rewards"] + GAMMA * critic.target.forward(x_next)[:, 0]
     target = np.clip(raw, -1 / (1 - GAMMA), 0)
 
@@ -201,11 +212,13 @@ def generate(path, seed, default):
     critic.step(gw, gb)
 
     pi = actor.net.forward(s)
-    q_pi = critic.net.forward(np.hstack([s, pi]))
-    costs, cost_gradient = action_cost(cost, batch["rewards"], pi)
-    actor_loss = -np.mean(q_pi) + ACTION_L2 * np.mean(pi**2) + costs
+    action = action_map.forward(pi)
+    clamped = np.abs(action) >= 1
+    assert not default or (clamped.any() and not clamped.all(axis=0).any()), "choose another seed"
+    q_pi = critic.net.forward(np.hstack([s, action]))
+    actor_loss = -np.mean(q_pi) + ACTION_L2 * np.mean(pi**2)
     _, _, dx = critic.net.backward(np.full_like(q_pi, -1 / BATCH))
-    gw, gb, _ = actor.net.backward(dx[:, state:] + 2 * ACTION_L2 * pi / pi.size + cost_gradient)
+    gw, gb, _ = actor.net.backward(action_map.backward(action, dx[:, state:]) + 2 * ACTION_L2 * pi / pi.size)
     actor.step(gw, gb)
     for learned in [actor, critic]:
         learned.follow()
@@ -230,5 +243,5 @@ def generate(path, seed, default):
 
 if __name__ == "__main__":
     here = pathlib.Path(__file__).parent
-    generate(here / "update_default.safetensors", 1, True)
+    generate(here / "update_default.safetensors", 7, True)
     generate(here / "update_plain.safetensors", 6, False)

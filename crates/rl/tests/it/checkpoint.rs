@@ -14,7 +14,7 @@ fn config() -> DdpgConfig {
 fn trained() -> Ddpg {
     let mut draws = rng::stream(31, "checkpoint", 0);
     let [obs, goal, act] = DIMS;
-    let mut learner = Ddpg::new(config(), obs, goal, act, &mut draws).unwrap();
+    let mut learner = Ddpg::new(config(), Dimensions { obs_dim: obs, goal_dim: goal, act_dim: act, n_outputs: act }, &mut draws).unwrap();
     for _ in 0..5 {
         let episode = random_episode(SHAPE, &mut draws);
         learner.update_normalizers(&episode.observations, &episode.achieved_goals);

@@ -9,7 +9,7 @@ const BATCH: usize = 16;
 
 fn learner(config: DdpgConfig, draws: &mut ChaCha8Rng) -> Ddpg {
     let config = DdpgConfig { hidden: vec![33, 20], batch_size: BATCH, ..config };
-    let mut learner = Ddpg::new(config, SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim, draws).unwrap();
+    let mut learner = Ddpg::new(config, Dimensions::of(SHAPE), draws).unwrap();
     let episode = random_episode(SHAPE, draws);
     learner.update_normalizers(&episode.observations, &episode.achieved_goals);
     learner
@@ -170,7 +170,7 @@ fn the_learner_finds_the_best_action() {
     let mut draws = rng::stream(26, "policy", 0);
     let config = DdpgConfig { gamma: 0.0, clip_targets: false, action_l2: 0.0, batch_size: 64, ..learner_config() };
     let config = DdpgConfig { hidden: vec![32, 32], ..config };
-    let mut learner = Ddpg::new(config, SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim, &mut draws).unwrap();
+    let mut learner = Ddpg::new(config, Dimensions::of(SHAPE), &mut draws).unwrap();
     let best = |observation: &[f32], goal: &[f32]| [0.5 * observation[0], -0.5 * goal[1], 0.3];
     for _ in 0..1500 {
         let mut batch = random_batch(64, SHAPE, &mut draws);

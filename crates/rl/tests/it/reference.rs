@@ -1,7 +1,7 @@
 //! One whole update against numbers that `tests/data/generate_update.py` computed with NumPy.
 
 use eigenhand_rl::{
-    ACTION_L2_DIMENSIONS, ActionCost, Batch, Ddpg, DdpgConfig, EpisodeShape, NormalizerConfig, TensorData, TensorMap,
+    ACTION_L2_DIMENSIONS, ActionMap, Batch, Ddpg, DdpgConfig, Dimensions, EpisodeShape, NormalizerConfig, TensorData, TensorMap,
 };
 
 use crate::{assert_close, learner_config};
@@ -34,21 +34,21 @@ fn part(all: &TensorMap, prefix: &str) -> TensorMap {
     out
 }
 
-fn check_update(bytes: &[u8], critic_layer_norm: bool, with_cost: bool) {
+fn check_update(bytes: &[u8], critic_layer_norm: bool, with_map: bool) {
     let fixture = TensorMap::load_bytes(bytes).unwrap();
     let [obs, goal, act] = [SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim];
     let before = part(&fixture, "before.");
-    let mut learner = Ddpg::from_tensors(config(critic_layer_norm), obs, goal, act, &before).unwrap();
+    let mut learner = Ddpg::from_tensors(config(critic_layer_norm), Dimensions::of(SHAPE), &before).unwrap();
     let mut batch = Batch::new(BATCH, SHAPE);
     batch.observations.copy_from_slice(fixture.f32s("batch.observations", &[BATCH, obs]).unwrap());
     batch.goals.copy_from_slice(fixture.f32s("batch.goals", &[BATCH, goal]).unwrap());
     batch.actions.copy_from_slice(fixture.f32s("batch.actions", &[BATCH, act]).unwrap());
     batch.rewards.copy_from_slice(fixture.f32s("batch.rewards", &[BATCH]).unwrap());
     batch.next_observations.copy_from_slice(fixture.f32s("batch.next_observations", &[BATCH, obs]).unwrap());
-    if with_cost {
-        let matrix = fixture.f32s("cost.matrix", &[act, act]).unwrap().to_vec();
-        let above = fixture.f32s("cost.above", &[1]).unwrap()[0];
-        learner.set_action_cost(Some(ActionCost::new(matrix, act, above)));
+    if with_map {
+        let matrix = fixture.f32s("map.matrix", &[act, act]).unwrap().to_vec();
+        let offset = fixture.f32s("map.offset", &[act]).unwrap().to_vec();
+        learner.set_action_map(Some(ActionMap::new(matrix, offset, act).unwrap()));
     }
 
     let stats = learner.update(&batch);
@@ -85,6 +85,6 @@ fn the_default_learner() {
 }
 
 #[test]
-fn without_layer_normalisation_and_cost() {
+fn without_layer_normalisation_and_map() {
     check_update(include_bytes!("../data/update_plain.safetensors"), false, false);
 }

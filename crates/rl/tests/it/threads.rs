@@ -7,7 +7,7 @@ use crate::{SHAPE, learner_config, random_batch, random_episode};
 /// Learns with networks whose products are large enough to be divided.
 fn learned(config: &DdpgConfig) -> TensorMap {
     let mut draws = rng::stream(41, "threads", 0);
-    let mut learner = Ddpg::new(config.clone(), SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim, &mut draws).unwrap();
+    let mut learner = Ddpg::new(config.clone(), Dimensions::of(SHAPE), &mut draws).unwrap();
     let episode = random_episode(SHAPE, &mut draws);
     learner.update_normalizers(&episode.observations, &episode.achieved_goals);
     for _ in 0..4 {

@@ -87,8 +87,8 @@ pub struct RunConfig {
     pub preset: Preset,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// Weight of the synergy's feedback into the learner: of the penalty on the reward (paper, section 2.2), and of the
-    /// cost of commands.
+    /// How strongly training is bound to the synergy. With 1, the policy ends inside the control synergy, with 0 it stays
+    /// free; it is also the weight of `synergy.penalty` (paper, section 2.2).
     pub lambda: f64,
     /// Training episodes.
     pub episodes: u64,
@@ -184,10 +184,6 @@ pub struct SynergyConfig {
     pub start_after: usize,
     /// Penalty on the reward of a success.
     pub penalty: Penalty,
-    /// Weight of the cost of commands that the synergy cannot produce. The actor's loss contains this weight times
-    /// lambda times the squared distance from a command to the nearest command that the synergy can produce, for
-    /// transitions that succeed. In 1/rad^2.
-    pub command_weight: f64,
     /// Newest motions (successes without noise) to whose commands the control synergy is fitted. The policy is confined
     /// to it once there are as many.
     pub motions: usize,
@@ -241,8 +237,8 @@ impl RunConfig {
 
     /// Returns the synergy's feedback; it has no synergy yet.
     pub fn feedback(&self) -> Feedback {
-        let SynergyConfig { penalty, command_weight, start_after, .. } = self.synergy;
-        Feedback::new(self.lambda, penalty, command_weight, start_after)
+        let SynergyConfig { penalty, start_after, .. } = self.synergy;
+        Feedback::new(self.lambda, penalty, start_after)
     }
 
     /// Returns the number of threads that simulate.

@@ -5,7 +5,6 @@ use eigenhand_sim::SimError;
 
 use super::error::InvalidSetting;
 use super::{RunConfig, SCHEMA};
-use crate::feedback::Penalty;
 
 /// Largest weight of the feedback; its square does not overflow in single precision.
 const LARGEST_WEIGHT: f64 = 1e6;
@@ -73,12 +72,10 @@ impl RunConfig {
         let needed = format!("0 or a number above {least} (the larger of synergy.components and synergy.start_after)");
         expect(covers, "synergy.window", needed, s.window)
             .map_err(|error| related(error, &["synergy.components", "synergy.start_after"]))?;
-        weight("synergy.command_weight", s.command_weight)?;
-        let one = s.command_weight == 0.0 || s.penalty != Penalty::Literal;
-        let reason =
-            "0 with synergy.penalty = literal, because that penalty can make a success earn less than a failure";
-        expect(one, "synergy.command_weight", reason, s.command_weight)
-            .map_err(|error| related(error, &["synergy.penalty"]))
+        positive("synergy.motions", s.motions as u64)?;
+        let [from, to] = s.anneal;
+        let rising = (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to);
+        expect(rising, "synergy.anneal", "two numbers from 0 to 1 in ascending order", format!("{:?}", s.anneal))
     }
 }
 
@@ -152,8 +149,8 @@ mod tests {
             ("physics.timestep=0", "physics.timestep"),
             ("learner.gamma=2", "gamma"),
             ("lambda=1e300", "lambda"),
-            ("synergy.command_weight=inf", "synergy.command_weight"),
-            ("synergy.penalty=literal", "synergy.command_weight"),
+            ("synergy.motions=0", "synergy.motions"),
+            ("synergy.anneal=[0.6, 0.3]", "synergy.anneal"),
             ("synergy.window=100", "synergy.window"),
             ("training.noise_decay=[0.9, 0.6]", "training.noise_decay"),
             ("training.final_noise=2", "training.final_noise"),

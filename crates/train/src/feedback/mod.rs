@@ -1,10 +1,8 @@
-//! The synergy's feedback into learning: a penalty on the reward, and a cost of commands in the actor's loss.
+//! The feedback of the postures' synergy into learning: a penalty on the reward.
 
-use eigenhand_rl::ActionCost;
-use eigenhand_synergy::{ActuationMap, Synergy};
+use eigenhand_synergy::Synergy;
 use serde::{Deserialize, Serialize};
 
-mod command_cost;
 mod reward;
 
 pub use reward::GraspReward;
@@ -29,17 +27,15 @@ pub struct Feedback {
     synergy: Option<Synergy>,
     lambda: f64,
     penalty: Penalty,
-    command_weight: f64,
     start_after: usize,
 }
 
 impl Feedback {
     /// Returns the feedback before the first analysis; it does nothing yet.
     ///
-    /// `lambda` scales the penalty and the cost of commands, `command_weight` only the cost. The feedback starts when
-    /// an analysis covers more than `start_after` postures.
-    pub fn new(lambda: f64, penalty: Penalty, command_weight: f64, start_after: usize) -> Self {
-        Feedback { synergy: None, lambda, penalty, command_weight, start_after }
+    /// `lambda` scales the penalty. The feedback starts when an analysis covers more than `start_after` postures.
+    pub fn new(lambda: f64, penalty: Penalty, start_after: usize) -> Self {
+        Feedback { synergy: None, lambda, penalty, start_after }
     }
 
     /// Replaces the analysis with the newest one.
@@ -70,13 +66,6 @@ impl Feedback {
             (Penalty::None, _) | (_, None) => 0.0,
         }
     }
-
-    /// Returns the cost of actions in the actor's loss, for transitions that succeed; none while the feedback is
-    /// inactive.
-    pub fn action_cost(&self, actuation: &ActuationMap) -> Option<ActionCost> {
-        let weight = self.lambda * self.command_weight;
-        self.active().filter(|_| weight > 0.0).map(|synergy| command_cost::command_cost(synergy, actuation, weight))
-    }
 }
 
 #[cfg(test)]
@@ -92,19 +81,9 @@ mod tests {
         Some(Synergy::fit(&joints, &postures, 1).expect("enough postures"))
     }
 
-    fn actuation() -> ActuationMap {
-        ActuationMap {
-            actuators: ["a", "b"].map(str::to_owned).to_vec(),
-            control_min: vec![-1.0; 2],
-            control_max: vec![1.0; 2],
-            matrix: vec![vec![1.0, 0.0], vec![0.0, 1.0]],
-            offset: vec![0.0; 2],
-        }
-    }
-
     #[test]
     fn the_penalty_starts_after_enough_postures() {
-        let mut feedback = Feedback::new(1.0, Penalty::Literal, 0.0, 100);
+        let mut feedback = Feedback::new(1.0, Penalty::Literal, 100);
         assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
         feedback.follow(synergy(100));
         assert_eq!(feedback.penalty(&[0.5, 0.25]), 0.0);
@@ -117,24 +96,9 @@ mod tests {
         for (lambda, penalty, expected) in
             [(2.0, Penalty::Literal, 0.5), (0.0, Penalty::Literal, 0.0), (2.0, Penalty::None, 0.0)]
         {
-            let mut feedback = Feedback::new(lambda, penalty, 0.0, 100);
+            let mut feedback = Feedback::new(lambda, penalty, 100);
             feedback.follow(synergy(101));
             assert!((feedback.penalty(&[0.5, 0.25]) - expected).abs() < 1e-6, "{lambda} {penalty:?}");
-        }
-    }
-
-    #[test]
-    fn commands_cost_what_lambda_and_weight_say_once_the_feedback_has_started() {
-        let cost = |lambda, weight, n_postures| {
-            let mut feedback = Feedback::new(lambda, Penalty::None, weight, 100);
-            feedback.follow(synergy(n_postures));
-            feedback.action_cost(&actuation()).map(|cost| cost.cost(&[0.5, 0.25]))
-        };
-        assert_eq!([cost(0.0, 4.0, 101), cost(1.0, 0.0, 101), cost(1.0, 4.0, 100)], [None; 3]);
-        // The postures vary only in the first joint, so only the command of the second joint has a cost.
-        for (lambda, weight) in [(1.0, 4.0), (2.0, 8.0)] {
-            let found = cost(lambda, weight, 101).expect("it feeds back");
-            assert!((f64::from(found) - lambda * weight * 0.0625).abs() < 1e-6, "{found}");
         }
     }
 }
