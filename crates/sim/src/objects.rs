@@ -187,13 +187,11 @@ fn files_in(directory: &Path) -> Result<Vec<PathBuf>, SimError> {
     let entries = directory.read_dir().map_err(failed)?.collect::<Result<Vec<_>, _>>().map_err(failed)?;
     let mut files: Vec<PathBuf> = entries.iter().map(|entry| entry.path()).filter(|path| is_object(path)).collect();
     files.sort();
-    match files.is_empty() {
-        true => {
-            let reason = "there is no object in it: expected files that end with .toml".to_owned();
-            Err(SimError::ObjectFile { path: directory.to_owned(), reason })
-        }
-        false => Ok(files),
+    if files.is_empty() {
+        let reason = "there is no object in it: expected files that end with .toml".to_owned();
+        return Err(SimError::ObjectFile { path: directory.to_owned(), reason });
     }
+    Ok(files)
 }
 
 fn is_object(path: &Path) -> bool {

@@ -127,7 +127,7 @@ fn parse_stl(bytes: &[u8]) -> Result<ConvexMesh, String> {
         };
         text.lines().filter_map(numbers).collect()
     };
-    if corners.is_empty() || corners.len() % 3 != 0 {
+    if corners.is_empty() || !corners.len().is_multiple_of(3) {
         return Err("expected an STL file, as text or binary".to_owned());
     }
     let mut vertices: Vec<Vector3<f64>> = Vec::new();
