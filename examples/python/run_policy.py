@@ -95,7 +95,9 @@ class Scene:
         self.is_hand = np.array([self.is_below(self.model.geom_bodyid[g], hand) for g in range(self.model.ngeom)])
         # The observation names its joints, so no order has to be known here. The id is the object's number.
         self.sources = [entry["name"] for entry in self.config["observation"]]
-        self.object_id = reference["observation"][self.sources.index("object:id")]
+        # A policy that was trained without the object's number does not observe it.
+        observed = dict(zip(self.sources, reference["observation"]))
+        self.object_id = observed.get("object:id")
         body = self.model.geom_bodyid[self.object_geom]
         inertia, self.principal_axes = self.model.body_inertia[body], self.model.body_iquat[body]
         # Half sizes of the box that has the object's mass and inertia.

@@ -175,6 +175,7 @@ fn links_between_documents_lead_somewhere() {
         "docs/configuration.md",
         "docs/experiments.md",
         "docs/hands.md",
+        "docs/objects.md",
         "docs/performance.md",
         "docs/report.md",
         "docs/results/README.md",

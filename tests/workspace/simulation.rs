@@ -6,7 +6,7 @@ use std::sync::Arc;
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::{Model, WarningCounts};
 use eigenhand_rl::rng;
-use eigenhand_sim::{GraspEnv, GraspTask, Object, Shape};
+use eigenhand_sim::{GraspEnv, GraspTask, ObjectSet, Shape};
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
@@ -73,7 +73,7 @@ fn a_scene_finds_the_files_that_the_hand_was_read_with() {
 fn scenes_of_every_hand_compile_with_every_object() {
     for hand in every_hand() {
         let task = full_task(&hand);
-        assert_eq!(task.scenes.len(), Object::names().count());
+        assert_eq!(task.scenes.len(), 7);
         let layout = task.observation_layout();
         assert_eq!(layout.len(), task.observation_len());
         let names: std::collections::BTreeSet<&str> = layout.iter().map(|entry| entry.name.as_str()).collect();
@@ -307,6 +307,62 @@ fn an_object_of_drawn_size_and_friction_simulates_as_a_compiled_one() {
     }
     sizes.dedup();
     assert_eq!(sizes.len(), 6);
+}
+
+/// The vertices of a mesh have single precision, so its trajectories are nearly the same.
+#[test]
+fn a_mesh_of_drawn_size_simulates_as_a_compiled_one() {
+    let with = |scale: &str| task(&tiny(&["objects=[\"varied/cone\"]", scale]), &gripper());
+    let drawn = with("task.object_scale=[0.7, 1.1]");
+    let mut env = GraspEnv::new(&drawn).unwrap();
+    let (seen, observation) = trajectory(&mut env, 0, 0);
+    let scale = env.object_scale();
+    let fixed = with(&format!("task.object_scale=[{scale}, {scale}]"));
+    let (expected, expected_observation) = trajectory(&mut GraspEnv::new(&fixed).unwrap(), 0, 0);
+    let worst = seen.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(worst < 1e-4, "the trajectories differ by {worst}");
+    assert!(observation.iter().zip(&expected_observation).all(|(a, b)| (a - b).abs() < 1e-5));
+}
+
+#[test]
+fn every_object_of_every_set_comes_to_rest() {
+    let sets: Vec<String> = ObjectSet::all().into_iter().map(|set| set.name).collect();
+    let objects = format!("objects={sets:?}");
+    let settings = [objects.as_str(), "task.orientation=any", "task.settle_time=1.0", "hand=shadow"];
+    let task = task(&tiny(&settings), &registry().get("shadow").unwrap());
+    let mut env = GraspEnv::new(&task).unwrap();
+    for (index, scene) in task.scenes.iter().enumerate() {
+        env.reset(index, &mut rng::stream(1, "simulation", index as u64)).unwrap();
+        let height = f64::from(env.achieved_goal()[2]);
+        let name = &scene.object.name;
+        assert!(height > 0.004 && height < 0.07, "{name} rests with its centre {height} m above the plane");
+        assert!(env.facts().touches_plane, "{name} is not on the plane");
+        assert!(env.warnings().is_clear(), "{name}: {:?}", env.warnings());
+    }
+}
+
+#[test]
+fn an_object_that_a_policy_does_not_know_has_the_number_of_one_that_it_knows() {
+    let with = |objects: &str| GraspTask::new(&mujoco(), &gripper(), &tiny(&[objects]).setting()).unwrap();
+    let known = with("objects=[\"cube\", \"sphere\"]");
+    let mut other = with("objects=[\"varied/ball-large\", \"sphere\", \"varied/die\"]");
+    other.take_ids_from(&known);
+    let ids: Vec<usize> = other.scenes.iter().map(|scene| scene.object.id).collect();
+    assert_eq!(ids, [1, 0, 0]);
+}
+
+#[test]
+fn the_number_of_the_object_can_be_left_out_of_the_observation() {
+    let [with, without] = [true, false].map(|on| task(&tiny(&[&format!("task.observe_id={on}")]), &gripper()));
+    let names = |task: &GraspTask| task.observation_layout().into_iter().map(|e| e.name).collect::<Vec<_>>();
+    let mut expected = names(&with);
+    expected.retain(|name| name != "object:id");
+    assert_eq!((names(&without), without.observation_len()), (expected, with.observation_len() - 1));
+    let mut env = GraspEnv::new(&without).unwrap();
+    env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+    let mut observation = vec![f32::NAN; without.observation_len()];
+    env.observe(&mut observation);
+    assert!(observation.iter().all(|value| value.is_finite()));
 }
 
 #[test]

@@ -12,7 +12,8 @@ const EPISODES: u64 = 200;
 /// Measures the success rate of a run's policy, without exploration and on new episodes
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
-    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.friction=[0.8,0.8]'")]
+    eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.friction=[0.8,0.8]'\n  \
+    eigenhand eval runs/shadow-default-l1-s1-1 --objects unseen")]
 pub struct Args {
     /// Run directory
     run: PathBuf,
@@ -31,6 +32,9 @@ pub struct Args {
     /// Threads that simulate; 0 means one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: usize,
+    /// Other objects than those of the training, separated by commas: objects, sets, directories or files
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    objects: Option<Vec<String>>,
     /// Changes one setting of the scene, such as physics.noslip_iterations=0; can be given several times
     #[arg(long = "set", value_name = "KEY=VALUE")]
     assignments: Vec<String>,
@@ -46,9 +50,11 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let mut changes = args.assignments.clone();
+    changes.extend(args.objects.as_ref().map(|words| format!("objects={words:?}")));
     let run = {
         let hands = search_path(&args.plugins);
-        setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &args.assignments))?
+        setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &changes))?
     };
     let workers = eigenhand_train::config::worker_count(args.workers);
     if !args.json {
@@ -58,8 +64,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             args.run.display(),
             args.episodes,
             args.seed,
-            if args.assignments.is_empty() { "" } else { ", with " },
-            args.assignments.join(", ")
+            if changes.is_empty() { "" } else { ", with " },
+            changes.join(", ")
         );
     }
     if let Some((from, to)) = args.components {

@@ -86,7 +86,7 @@ pub struct SettingsArgs {
     /// Training episodes of a run, in all
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
     pub episodes: Option<u64>,
-    /// Objects to grasp, separated by commas
+    /// Objects to grasp, separated by commas: objects (cube), sets (varied), directories or files
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     pub objects: Option<Vec<String>>,
     /// TOML file with settings; docs/configuration.md lists them

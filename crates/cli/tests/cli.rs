@@ -206,6 +206,14 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
     let slippery = json(&changed("physics.friction=[0.01, 0.02]"));
     assert_eq!(slippery["changed"][0], "physics.friction=[0.01, 0.02]");
     assert_ne!(slippery["mean_final_distance_m"], first["mean_final_distance_m"]);
+    let unseen = json(&run(&["eval", out_text, "--episodes", "9", "--objects", "unseen", "--json"]));
+    assert_eq!(unseen["changed"][0], "objects=[\"unseen\"]");
+    let objects: Vec<&str> =
+        unseen["objects"].as_array().unwrap().iter().filter_map(|o| o["object"].as_str()).collect();
+    assert_eq!(objects.len(), 9);
+    assert!(objects.contains(&"pyramid") && !objects.contains(&"cube"), "{objects:?}");
+    let unknown = run(&["eval", out_text, "--objects", "unsen"]);
+    assert_error(&unknown, USAGE, &["\"unsen\"", "unseen (", "paper ("]);
     for setting in ["learner.gamma=0.9", "task.observe_shape=false", "learner.gamma=0.5"] {
         assert_error(&changed(setting), USAGE, &[setting, "physics.*"]);
     }

@@ -116,7 +116,7 @@ impl GraspEnv {
         self.apply_draws(scene, relative)?;
 
         let resting = &mut self.resting[index];
-        let height = scene.object.shape.scaled(relative).depth_below_centre(&orientation) + DROP;
+        let height = scene.object.shape.depth_below_centre(&orientation) * relative + DROP;
         let q = orientation.quaternion();
         resting.qpos_mut().copy_from_slice(&[place[0], place[1], height, q.w, q.i, q.j, q.k]);
         let settling = (task.config.settle_time / task.physics.timestep).round() as usize;
@@ -154,7 +154,7 @@ impl GraspEnv {
             resting.reset();
             return Ok(());
         }
-        let friction = self.task.physics.friction_with(self.drawn.friction);
+        let friction = self.task.physics.friction_of(&scene.object, self.drawn.friction);
         let vary = self.task.config.object_scale[0] < self.task.config.object_scale[1];
         for (data, geom) in [(data, scene.object_geom()), (resting, scene.resting().geom(OBJECT_GEOM)?)] {
             let body = data.model().geom_body(geom);
@@ -175,7 +175,7 @@ impl GraspEnv {
 
     /// Returns the sliding friction of the object in this episode.
     pub fn friction(&self) -> f64 {
-        self.drawn.friction
+        self.task.scenes[self.current].object.friction.unwrap_or(self.drawn.friction)
     }
 
     /// Moves the object along x and y on the plane.
@@ -222,7 +222,7 @@ impl GraspEnv {
             .chain(at.posture_dof.iter().map(|&i| qvel[i]))
             .chain(qpos[at.object_qpos..at.object_qpos + 7].iter().copied())
             .chain(qvel[at.object_dof..at.object_dof + 6].iter().copied())
-            .chain(std::iter::once(scene.object.id as f64))
+            .chain(self.task.config.observe_id.then_some(scene.object.id as f64))
             .chain(shape.into_iter().flatten());
         for (out, value) in observation.iter_mut().zip(values) {
             *out = value as f32;

@@ -19,12 +19,23 @@ pub enum SimError {
         #[source]
         source: std::io::Error,
     },
-    /// An object's name is not in the catalogue.
-    #[error("unknown object {name:?}; choose from {known}")]
+    /// A file of an object, or of its mesh, is wrong.
+    #[error("{}: {reason}", path.display())]
+    ObjectFile {
+        /// The file.
+        path: PathBuf,
+        /// The key, and what is expected.
+        reason: String,
+    },
+    /// A word is no object, no set, no directory and no file of an object.
+    #[error(
+        "unknown object {name:?}; expected an object or a set that comes with the program, a directory of objects or \
+         an object's .toml file; the sets with their objects are: {known}"
+    )]
     UnknownObject {
         /// The name.
         name: String,
-        /// All names.
+        /// All sets with their objects.
         known: String,
     },
     /// A setting is outside its range.

@@ -14,7 +14,7 @@ mod task;
 
 pub use env::GraspEnv;
 pub use error::SimError;
-pub use objects::{Object, Shape};
+pub use objects::{ConvexMesh, Object, ObjectSet, Shape};
 pub use physics::{Cone, PhysicsConfig};
 pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};
 pub use self_contacts::SelfContacts;

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::SimError;
+use crate::{Object, SimError};
 
 /// Shape of the friction cone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -41,9 +41,10 @@ pub struct PhysicsConfig {
 }
 
 impl PhysicsConfig {
-    /// Returns the sliding, torsional and rolling friction of a geom with this sliding friction.
-    pub(crate) fn friction_with(&self, sliding: f64) -> [f64; 3] {
-        [sliding, self.torsional_friction, self.rolling_friction]
+    /// Returns the sliding, torsional and rolling friction of an object; `drawn` is the sliding friction of an object
+    /// that has none of its own.
+    pub(crate) fn friction_of(&self, object: &Object, drawn: f64) -> [f64; 3] {
+        [object.friction.unwrap_or(drawn), self.torsional_friction, self.rolling_friction]
     }
 
     /// Returns the duration of a control step in s.

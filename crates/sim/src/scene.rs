@@ -10,7 +10,7 @@ use eigenhand_hands::xml::{append, attribute, element, elements, elements_mut, n
 use eigenhand_hands::xmltree::{Element, XMLNode};
 
 use crate::SimError;
-use crate::objects::Object;
+use crate::objects::{Object, Shape};
 use crate::physics::{Cone, PhysicsConfig};
 use crate::self_contacts::SelfContacts;
 use crate::setting::middle;
@@ -23,6 +23,8 @@ pub const OBJECT: &str = "scene/object";
 pub const OBJECT_JOINT: &str = "scene/object_joint";
 /// Name of the object's geom.
 pub const OBJECT_GEOM: &str = "scene/object_geom";
+/// Name of the object's mesh, if it is one.
+const OBJECT_MESH: &str = "scene/object_mesh";
 /// Name of the body that the slide moves and that carries the hand.
 pub const MOUNT: &str = "scene/mount";
 
@@ -108,6 +110,10 @@ impl Scene {
             }
             if name == "asset" {
                 collect_files(&mut section, hand, &mut assets)?;
+                if let Some((item, file)) = object_mesh(object) {
+                    append(&mut section, item);
+                    assets.push(file);
+                }
             }
             if !section.children.is_empty() {
                 append(&mut root, section);
@@ -117,15 +123,30 @@ impl Scene {
     }
 }
 
-/// Returns MJCF text of the object alone on the plane; there it comes to rest before an episode.
-pub(crate) fn resting_scene(object: &Object, physics: &PhysicsConfig) -> String {
-    let mut root = element("mujoco", &[("model", object.name.to_string())]);
+/// Returns the scene of the object alone on the plane; there it comes to rest before an episode.
+pub(crate) fn resting_scene(object: &Object, physics: &PhysicsConfig) -> Scene {
+    let mut root = element("mujoco", &[("model", object.name.clone())]);
     append(&mut root, option(physics));
+    let mut assets = Vec::new();
+    if let Some((item, file)) = object_mesh(object) {
+        let mut section = Element::new("asset");
+        append(&mut section, item);
+        append(&mut root, section);
+        assets.push(file);
+    }
     let mut world = Element::new("worldbody");
     append(&mut world, plane());
     append(&mut world, object_body(object, physics));
     append(&mut root, world);
-    print(&root)
+    Scene { xml: print(&root), assets }
+}
+
+/// Returns the asset of an object that is a mesh, and its file.
+fn object_mesh(object: &Object) -> Option<(Element, (String, Vec<u8>))> {
+    let Shape::Mesh(mesh) = &object.shape else { return None };
+    let file = format!("object_{}.obj", object.name);
+    let item = element("mesh", &[("name", OBJECT_MESH.into()), ("file", file.clone())]);
+    Some((item, (file, mesh.to_obj().into_bytes())))
 }
 
 /// Keeps the hand's conventions for angles and frames. Directories are left out, because file names are resolved here.
@@ -239,6 +260,10 @@ fn object_body(object: &Object, physics: &PhysicsConfig) -> Element {
     let upright = object.shape.depth_below_centre(&nalgebra::UnitQuaternion::identity());
     let mut body = element("body", &[("name", OBJECT.into()), ("pos", numbers(&[0.0, 0.0, upright]))]);
     append(&mut body, element("freejoint", &[("name", OBJECT_JOINT.into())]));
+    let shape = match size {
+        Some(size) => ("size", size),
+        None => ("mesh", OBJECT_MESH.to_owned()),
+    };
     append(
         &mut body,
         element(
@@ -246,13 +271,13 @@ fn object_body(object: &Object, physics: &PhysicsConfig) -> Element {
             &[
                 ("name", OBJECT_GEOM.into()),
                 ("type", kind.into()),
-                ("size", size),
+                shape,
                 ("mass", object.mass.to_string()),
                 ("contype", "1".into()),
                 ("conaffinity", "1".into()),
                 ("condim", "6".into()),
                 ("priority", OBJECT_PRIORITY.to_string()),
-                ("friction", numbers(&physics.friction_with(middle(physics.friction)))),
+                ("friction", numbers(&physics.friction_of(object, middle(physics.friction)))),
                 ("rgba", "0.85 0.45 0.2 1".into()),
             ],
         ),

@@ -34,6 +34,8 @@ pub struct TaskConfig {
     pub orientation: Orientation,
     /// Time in s that a dropped object has to come to rest.
     pub settle_time: f64,
+    /// Whether the observation has the number of the object.
+    pub observe_id: bool,
     /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`](crate::ObjectScene::shape_along_axes).
     pub observe_shape: bool,
 }
@@ -92,7 +94,7 @@ pub(crate) fn middle([low, high]: [f64; 2]) -> f64 {
 /// Everything that determines a grasp task, except its hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
-    /// Names of the objects.
+    /// The objects, as [`Object::expand`](crate::Object::expand) takes them.
     pub objects: Vec<String>,
     /// Settings of an episode.
     pub task: TaskConfig,

@@ -101,8 +101,8 @@ pub struct GraspTask {
 /// Distance in m by which the object is moved aside where it would be in the way.
 const AWAY: f64 = 0.8;
 
-/// Numbers that describe the object in an observation: pose 7, velocity 6, id 1.
-const OBJECT_ENTRIES: [(&str, &str); 14] = [
+/// Numbers that describe the object in an observation: pose 7, velocity 6.
+const OBJECT_ENTRIES: [(&str, &str); 13] = [
     ("object:x", "m"),
     ("object:y", "m"),
     ("object:z", "m"),
@@ -116,10 +116,12 @@ const OBJECT_ENTRIES: [(&str, &str); 14] = [
     ("object:wx", "rad/s"),
     ("object:wy", "rad/s"),
     ("object:wz", "rad/s"),
-    ("object:id", "1"),
 ];
 
-/// Entries of the object's shape. They follow the others if `task.observe_shape` is set.
+/// Entry of the object's number. It follows the others if `task.observe_id` is set.
+const ID_ENTRY: &str = "object:id";
+
+/// Entries of the object's shape. They come last if `task.observe_shape` is set.
 const SHAPE_ENTRIES: [&str; 6] =
     ["object:shape_xx", "object:shape_yy", "object:shape_zz", "object:shape_xy", "object:shape_xz", "object:shape_yz"];
 
@@ -138,7 +140,7 @@ impl GraspTask {
         physics.validate()?;
         reward.validate()?;
         let scale = hand.manifest.objects.scale * middle(config.object_scale);
-        let objects: Vec<Object> = objects.iter().map(|name| Object::named(name, scale)).collect::<Result<_, _>>()?;
+        let objects = Object::read_all(&objects, scale)?;
         let first = objects.first().ok_or(SimError::Setting {
             name: "objects",
             expected: "at least one object",
@@ -162,7 +164,8 @@ impl GraspTask {
                 let (scene, model) = compile(object, mass, self_contacts.as_ref())?;
                 let addresses = Addresses::resolve(&model, hand)?;
                 let inertia_box = InertiaBox::of(&model, model.geom_body(addresses.object));
-                let resting = Arc::new(Model::from_xml(library, &resting_scene(object, &physics), &[])?);
+                let resting = resting_scene(object, &physics);
+                let resting = Arc::new(Model::from_xml(library, &resting.xml, &resting.assets)?);
                 Ok(ObjectScene {
                     object: object.clone(),
                     scene,
@@ -203,6 +206,27 @@ impl GraspTask {
         })
     }
 
+    /// Gives every object the number of the one among `known` whose size is most similar; an object of the same name
+    /// comes first. So a policy that was trained with `known` observes only numbers that it has seen.
+    ///
+    /// Two sizes are compared by the half sizes, in order, of the boxes with the objects' mass and inertia.
+    pub fn take_ids_from(&mut self, known: &GraspTask) {
+        let sizes = |scene: &ObjectScene| {
+            let mut half = scene.inertia_box.half_sizes;
+            half.as_mut_slice().sort_by(f64::total_cmp);
+            half
+        };
+        for scene in &mut self.scenes {
+            let own = sizes(scene);
+            let same = |other: &&ObjectScene| other.object.name == scene.object.name;
+            let distance = |other: &&ObjectScene| (sizes(other) - own).norm();
+            let nearest = known.scenes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            if let Some(other) = known.scenes.iter().find(same).or(nearest) {
+                scene.object.id = other.object.id;
+            }
+        }
+    }
+
     /// Tells whether size or friction of the object differs from episode to episode.
     pub fn varies(&self) -> bool {
         [self.config.object_scale, self.physics.friction].iter().any(|[low, high]| low < high)
@@ -211,7 +235,8 @@ impl GraspTask {
     /// Returns the number of values of an observation.
     pub fn observation_len(&self) -> usize {
         let shape = if self.config.observe_shape { SHAPE_ENTRIES.len() } else { 0 };
-        2 * self.posture_joints.len() + OBJECT_ENTRIES.len() + shape
+        let id = usize::from(self.config.observe_id);
+        2 * self.posture_joints.len() + OBJECT_ENTRIES.len() + id + shape
     }
 
     /// Returns the number of values of an action.
@@ -232,9 +257,10 @@ impl GraspTask {
             })
         };
         let object = OBJECT_ENTRIES.map(|(name, unit)| ObservationEntry { name: name.to_owned(), unit });
+        let id = self.config.observe_id.then(|| ObservationEntry { name: ID_ENTRY.to_owned(), unit: "1" });
         let shape = SHAPE_ENTRIES.iter().filter(|_| self.config.observe_shape);
         let shape = shape.map(|&name| ObservationEntry { name: name.to_owned(), unit: "m" });
-        joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(shape).collect()
+        joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(id).chain(shape).collect()
     }
 
     /// Returns the index of the slide's actuator in an action.

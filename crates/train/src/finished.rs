@@ -28,7 +28,8 @@ use crate::summary::Summary;
 use crate::task::task_of;
 
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
-const SCENE_KEYS: [&str; 9] = [
+const SCENE_KEYS: [&str; 10] = [
+    "objects",
     "physics.",
     "reward.success_distance",
     "task.final_steps",
@@ -71,7 +72,7 @@ impl FinishedRun {
         let provenance = read_provenance(directory)?;
         let hand = hand_named(&config.hand, hands)?;
         check_digest(directory, &hand, &provenance)?;
-        let task = task_of(&config, &hand, &MuJoCo::load()?)?;
+        let task = task_with_known_ids(directory, &config, &hand)?;
         let policy = read_policy(directory, &config, &hand, &task)?;
         let (directory, changed) = (directory.to_owned(), changes.to_vec());
         Ok(FinishedRun { directory, config, changed, provenance, hand, task, policy })
@@ -234,6 +235,19 @@ fn changed_config(directory: &Path, changes: &[String]) -> Result<RunConfig, Con
         }
     }
     layers.resolve()
+}
+
+/// Builds the task of an evaluation, in which the policy observes only numbers of objects that its training had.
+fn task_with_known_ids(run: &Path, config: &RunConfig, hand: &Hand) -> Result<Arc<GraspTask>, TrainError> {
+    let library = MuJoCo::load()?;
+    let trained = RunConfig::read(&run.join(CONFIG))?;
+    if trained.objects == config.objects {
+        return task_of(config, hand, &library);
+    }
+    let known = GraspTask::new(&library, hand, &trained.setting())?;
+    let mut task = GraspTask::new(&library, hand, &config.setting())?;
+    task.take_ids_from(&known);
+    Ok(Arc::new(task))
 }
 
 fn read_policy(run: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) -> Result<Policy, TrainError> {

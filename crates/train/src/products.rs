@@ -272,7 +272,7 @@ fn write_scenes(products: &Products, directory: &Path) -> Result<(), TrainError>
     let mut scratch = products.policy.scratch();
     let mut steps = Vec::new();
     for (index, scene) in task.scenes.iter().enumerate() {
-        let name = scene.object.name;
+        let name = &scene.object.name;
         write_atomically(&directory.join(format!("{name}.xml")), scene.scene.xml.as_bytes())?;
         for (file, bytes) in &scene.scene.assets {
             write_atomically(&directory.join(file), bytes)?;

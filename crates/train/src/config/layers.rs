@@ -6,6 +6,8 @@ use std::path::Path;
 use toml::de::{DeTable, DeValue};
 use toml::{Table, Value};
 
+use eigenhand_sim::Object;
+
 use super::error::{ConfigError, InvalidSetting};
 use super::{DEFAULT, Preset, RunConfig};
 
@@ -100,16 +102,20 @@ impl Layers {
         self.add(Entry { key: key.to_owned(), value: Some(value.into()), origin: origin.to_owned() })
     }
 
-    /// Combines the layers into a configuration, and checks it.
+    /// Combines the layers into a configuration, and checks it. A set of objects becomes a list of its objects.
     ///
     /// # Errors
     /// [`ConfigError::Value`] names the file and line, or the option, of a value that is out of range.
     pub fn resolve(&self) -> Result<RunConfig, ConfigError> {
-        let config =
+        let mut config =
             self.config().map_err(|reason| ConfigError::Value { origin: DEFAULT_ORIGIN.to_owned(), reason })?;
         config
             .validate()
             .map_err(|invalid| ConfigError::Value { origin: self.culprit(&invalid), reason: invalid.to_string() })?;
+        config.objects = Object::expand(&config.objects).map_err(|error| ConfigError::Value {
+            origin: self.origin("objects").unwrap_or(DEFAULT_ORIGIN).to_owned(),
+            reason: error.to_string(),
+        })?;
         Ok(config)
     }
 
