@@ -65,7 +65,7 @@ fn second_look(run: &Run, config: &RunConfig, file: &str) -> f64 {
     let policy = Policy::import_tensors(&tensors(run, file), &config.learner.normalizer).unwrap();
     let mut pool = WorkerPool::new(&task, 1).unwrap();
     let episodes = config.evaluation.selection_episodes;
-    evaluate(&mut pool, &task, &policy, config.seed, EvaluationStream::Selection, episodes).unwrap().success_rate()
+    evaluate(&mut pool, &task, &policy, config.seed, EvaluationStream::Selection, 0..episodes).unwrap().success_rate()
 }
 
 #[test]

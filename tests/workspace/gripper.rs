@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two. A test adds its own settings after them.
-pub const TINY: [&str; 38] = [
+pub const TINY: [&str; 39] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",

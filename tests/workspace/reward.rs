@@ -39,7 +39,7 @@ fn random_episodes() -> &'static Episodes {
 
 /// Returns the reward of a task; if `active`, it uses a synergy of random postures.
 fn reward(task: &GraspTask, active: bool) -> GraspReward {
-    let mut feedback = Feedback::new(1.0, Penalty::Literal, 0.0, 100);
+    let mut feedback = Feedback::new(1.0, Penalty::Literal, 100);
     if active {
         let joints: Vec<JointInfo> = task
             .posture_joints

@@ -1,7 +1,7 @@
 //! What changes in the course of training, and how long random actions are held: measured in what a training leaves behind.
 
-use eigenhand_rl::{ActorChoice, Ddpg, EpisodeData, TensorMap};
-use eigenhand_sim::GraspTask;
+use eigenhand_rl::{ActorChoice, Ddpg, Dimensions, EpisodeData, TensorMap};
+use eigenhand_train::episode_shape;
 use eigenhand_train::config::RunConfig;
 
 use crate::support::{Run, gripper, task, tiny};
@@ -12,8 +12,8 @@ const EVERY_CYCLE: [&str; 2] = ["training.checkpoint_every=2", "training.checkpo
 /// Reads the learner at a checkpoint.
 fn learner(run: &Run, config: &RunConfig, episode: u64) -> Ddpg {
     let task = task(config, &gripper());
-    let (obs, goal, act) = (task.observation_len(), GraspTask::GOAL_LEN, task.action_len());
-    Ddpg::from_tensors(config.learner.clone(), obs, goal, act, &tensors(run, episode)).unwrap()
+    let dimensions = Dimensions::of(episode_shape(&task));
+    Ddpg::from_tensors(config.learner.clone(), dimensions, &tensors(run, episode)).unwrap()
 }
 
 fn tensors(run: &Run, episode: u64) -> TensorMap {

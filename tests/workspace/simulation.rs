@@ -7,6 +7,7 @@ use eigenhand_hands::Hand;
 use eigenhand_mujoco::{Model, WarningCounts};
 use eigenhand_rl::rng;
 use eigenhand_sim::{GraspEnv, GraspTask, ObjectSet, Shape};
+use eigenhand_synergy::Source;
 use eigenhand_train::config::{Layers, Preset};
 use eigenhand_train::{Behaviour, EvaluationStream, WorkerPool, evaluate, run_episode};
 use nalgebra::{Unit, UnitQuaternion, Vector3};
@@ -422,7 +423,7 @@ fn a_full_contact_buffer_is_counted() {
     let episode = run_episode(&mut env, &mut policy.scratch(), &job(&policy, &Behaviour::Greedy, 0)).unwrap();
     assert!(episode.warnings.contacts_full > 0, "{:?}", episode.warnings);
     let mut pool = WorkerPool::new(&task, 1).unwrap();
-    let evaluation = evaluate(&mut pool, &task, &policy, 1, EvaluationStream::Final, 2).unwrap();
+    let evaluation = evaluate(&mut pool, &task, &policy, 1, EvaluationStream::Final, 0..2).unwrap();
     assert!(evaluation.warnings.contacts_full >= 2, "{:?}", evaluation.warnings);
 }
 

@@ -238,5 +238,13 @@ pub fn constant_policy(task: &GraspTask, action: &[f32]) -> Policy {
 
 /// Returns the job of one episode.
 pub fn job(policy: &Policy, behaviour: &Behaviour, index: u64) -> EpisodeJob {
-    EpisodeJob { seed: 7, stream: "test", index, scene: None, policy: policy.clone(), behaviour: behaviour.clone() }
+    EpisodeJob {
+        seed: 7,
+        stream: "test",
+        index,
+        scene: None,
+        policy: policy.clone(),
+        behaviour: behaviour.clone(),
+        confinement: None,
+    }
 }

@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 
 use eigenhand_hands::Hand;
 use eigenhand_rl::EpisodeData;
-use eigenhand_synergy::{PostureDatabase, PostureRecord, newest};
+use eigenhand_synergy::{PostureDatabase, PostureRecord, Source, newest};
 use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
 
 use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, python_has, tiny};
@@ -49,7 +49,7 @@ fn assert_same(a: (&Run, Summary), b: (&Run, Summary)) {
     for name in [&format!("{LAST}/learner.safetensors"), "checkpoints/replay.bin", "policy.safetensors"] {
         assert!(a.bytes(name) == b.bytes(name), "{name} differs");
     }
-    for name in ["policy.toml", "scenes/reference.json", "synergy/components.npy", "synergy/postures.npy"] {
+    for name in ["policy.toml", "scenes/reference.json", "synergy/components.npy", "synergy/commands.npy"] {
         assert!(a.bytes(name) == b.bytes(name), "{name} differs");
     }
     assert_eq!(postures(a), postures(b));
@@ -336,11 +336,12 @@ print(json.dumps([
     let errors = String::from_utf8_lossy(&output.stderr);
     assert_eq!(text.trim(), "[true, true, true, true, true, true]", "{errors}");
     assert_eq!(postures(&run).len() as u64, summary.n_postures);
-    let npy = eigenhand_synergy::import(run.file("synergy")).unwrap();
-    let rows: Vec<Vec<f64>> = postures(&run).into_iter().map(|p| p.posture).collect();
+    let npy = eigenhand_synergy::import(run.file("synergy-postures")).unwrap();
+    let of_the_policy = postures(&run).into_iter().filter(|p| p.source != Source::Script);
+    let rows: Vec<Vec<f64>> = of_the_policy.map(|p| p.posture).collect();
     let covered = newest(&rows, tiny(&[]).synergy.window);
     assert!(covered.len() < rows.len(), "the test needs more postures than the analysis covers");
-    assert_eq!(npy.postures, covered, "postures.npy holds the database's newest rows");
+    assert_eq!(npy.samples, covered, "postures.npy holds the database's newest rows");
 }
 
 #[test]
@@ -355,35 +356,38 @@ fn noise_that_has_fallen_to_nothing_is_no_noise() {
     assert!(policy(&["training.noise_decay=[1, 1]", "training.final_noise=0"]) != without);
 }
 
-/// Settings with a single component, so that the synergy cannot give all commands of the gripper.
-const FEEDBACK: [&str; 3] = ["synergy.penalty=none", "synergy.components=1", "synergy.command_weight=50"];
+/// Settings with a single component, so that the synergy cannot give all commands of the gripper, and no other feedback.
+const CONFINED: [&str; 2] = ["synergy.penalty=none", "synergy.components=1"];
 
 #[test]
-fn feedback_into_the_actor_survives_a_stop_and_any_number_of_workers() {
+fn confinement_survives_a_stop_and_any_number_of_workers() {
     let whole = Run::new(gripper());
-    let summary = whole.train(&tiny(&FEEDBACK));
-    let run = Run::new(gripper());
-    let stop = AtomicBool::new(false);
-    run.start(&tiny(&FEEDBACK), &stop, &mut StopAfter { episodes: 20, stop: &stop });
-    assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
+    let summary = whole.train(&tiny(&CONFINED));
+    for episodes in [16, 20] {
+        let run = Run::new(gripper());
+        let stop = AtomicBool::new(false);
+        run.start(&tiny(&CONFINED), &stop, &mut StopAfter { episodes, stop: &stop });
+        assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
+    }
     let again = Run::new(gripper());
-    let same = again.train(&tiny(&[&FEEDBACK[..], &["workers=3"]].concat()));
+    let same = again.train(&tiny(&[&CONFINED[..], &["workers=3"]].concat()));
     assert_same((&whole, summary), (&again, same));
 }
 
 #[test]
-fn the_feedback_into_the_actor_changes_what_it_learns_and_only_with_lambda() {
-    let policy = |changes: &[&str]| {
+fn a_policy_ends_inside_its_synergy_and_only_with_lambda() {
+    let dimensions = |changes: &[&str]| {
         let run = Run::new(gripper());
-        run.train(&tiny(&[&FEEDBACK[..], changes].concat()));
-        learned(&run)
+        let summary = run.train(&tiny(&[&CONFINED[..], &["synergy.components=1"], changes].concat()));
+        assert!(summary.n_postures > 4, "the test needs successes");
+        let commands = eigenhand_synergy::import(run.file("synergy")).unwrap();
+        let synergy = &commands.file.synergy;
+        // Every command of a confined policy lies on the line, whatever the limits of the actuators cut off.
+        commands.samples.iter().map(|command| synergy.error(command)).fold(0.0, f64::max)
     };
-    let without = policy(&["lambda=0"]);
-    assert!(policy(&["lambda=0", "synergy.command_weight=5"]) == without);
-    assert!(policy(&["lambda=1", "synergy.command_weight=0"]) == without);
-    let with = policy(&["lambda=1"]);
-    assert!(with != without);
-    assert!(policy(&["lambda=2", "synergy.command_weight=25"]) == with);
+    assert!(dimensions(&["lambda=1"]) < 1e-6);
+    assert!(dimensions(&["lambda=0"]) > 1e-3);
+    assert!(dimensions(&["lambda=1", "synergy.anneal=[1, 1]"]) > 1e-3);
 }
 
 #[test]
@@ -405,7 +409,9 @@ fn a_run_directory_holds_what_it_should_and_no_half_written_file() {
         "synergy/mean.npy",
         "synergy/explained_variance.npy",
         "synergy/contribution.npy",
-        "synergy/postures.npy",
+        "synergy/commands.npy",
+        "synergy-postures/synergy.toml",
+        "synergy-postures/postures.npy",
     ];
     for name in expected {
         assert!(run.file(name).is_file(), "{name}");

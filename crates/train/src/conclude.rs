@@ -3,7 +3,8 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use eigenhand_rl::Policy;
-use eigenhand_synergy::{MotionRecord, Recommended, Synergy};
+use eigenhand_sim::GraspTask;
+use eigenhand_synergy::{Content, MotionRecord, Recommended, Synergy};
 
 use crate::assignment::Assignment;
 use crate::control::control_space;
@@ -121,6 +122,7 @@ impl Trainer {
             contribution: trusted.map(|s| s.contribution().to_vec()).unwrap_or_default(),
             contribution_sum: trusted.map(Synergy::contribution_sum),
             mean_error_rad: trusted.map(|s| s.mean_error(postures)),
+            content: trusted.and(evaluation).map(|e| content(e, task, config.synergy.components)).transpose()?,
             diverged_episodes: counters.diverged,
             buffer_warnings: counters.buffer_warnings,
             eval_warnings: evaluation.map(|e| e.warnings).unwrap_or_default(),
@@ -172,4 +174,14 @@ impl Trainer {
         let Assignment { config, task, .. } = &self.assignment;
         evaluate(&mut self.pool, task, policy, config.seed, stream, 0..episodes)
     }
+}
+
+/// Analyses the postures of an evaluation's successes, without the slide.
+fn content(evaluation: &Evaluation, task: &GraspTask, components: usize) -> Result<Content, TrainError> {
+    let grasps: Vec<_> =
+        evaluation.grasps.iter().map(|grasp| (grasp.object.as_str(), grasp.posture.as_slice())).collect();
+    let slide = &task.actuators[task.slide_action()];
+    let of_the_hand = |&i: &usize| task.posture_joints[i].name != *slide;
+    let joints: Vec<usize> = (0..task.posture_joints.len()).filter(of_the_hand).collect();
+    Ok(Content::new(&grasps, &joints, components)?)
 }

@@ -61,6 +61,15 @@ impl Tally {
     }
 }
 
+/// The posture at the end of a success.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grasp {
+    /// Name of the object.
+    pub object: String,
+    /// Values of the posture's joints, in rad and m.
+    pub posture: Vec<f64>,
+}
+
 /// Result of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
@@ -78,8 +87,8 @@ pub struct Evaluation {
     pub diverged: u64,
     /// Counts of MuJoCo's warnings.
     pub warnings: WarningCounts,
-    /// Postures of the successes, in rad and m.
-    pub postures: Vec<Vec<f64>>,
+    /// The successes' postures.
+    pub grasps: Vec<Grasp>,
 }
 
 impl Evaluation {
@@ -150,6 +159,10 @@ pub(crate) fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
     };
     let mut warnings = WarningCounts::default();
     episodes.iter().for_each(|e| warnings += e.warnings);
+    let grasp = |episode: &Episode| Grasp {
+        object: task.scenes[episode.scene].object.name.clone(),
+        posture: episode.posture.clone(),
+    };
     let of_object = |i: usize| Tally::of(episodes.iter().filter(|e| e.scene == i));
     let scenes = task.scenes.iter().enumerate();
     Evaluation {
@@ -163,6 +176,6 @@ pub(crate) fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
         mean_self_penetration: mean(&mut episodes.iter().filter(|e| e.success).map(|e| e.self_penetration)),
         diverged: episodes.iter().filter(|e| e.diverged).count() as u64,
         warnings,
-        postures: episodes.iter().filter(|e| e.success).map(|e| e.posture.clone()).collect(),
+        grasps: episodes.iter().filter(|e| e.success).map(grasp).collect(),
     }
 }

@@ -45,7 +45,7 @@ pub use assessment::{Assessment, ObjectScore, wilson_interval};
 pub use assignment::Assignment;
 pub use drive::{Drive, Driven};
 pub use error::TrainError;
-pub use evaluation::{Evaluation, EvaluationStream, Tally, evaluate};
+pub use evaluation::{Evaluation, EvaluationStream, Grasp, Tally, evaluate};
 pub use finished::FinishedRun;
 pub use hands::hand_named;
 pub use metrics::{MetricsRow, read_metrics};

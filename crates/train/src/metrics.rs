@@ -86,7 +86,8 @@ impl MetricsRow {
     ) -> MetricsRow {
         let synergy = synergy.filter(|_| evaluation.success_rate() >= TRUSTED);
         let Counters { sums, .. } = counters;
-        let error = synergy.filter(|_| !evaluation.postures.is_empty()).map(|s| s.mean_error(&evaluation.postures));
+        let postures: Vec<&[f64]> = evaluation.grasps.iter().map(|grasp| grasp.posture.as_slice()).collect();
+        let error = synergy.filter(|_| !postures.is_empty()).map(|s| s.mean_error(&postures));
         let rates = evaluation.success_rate_per_object().into_iter();
         MetricsRow {
             episode: counters.episodes,

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use eigenhand_files::{cannot, write_atomically};
 use eigenhand_mujoco::WarningCounts;
+use eigenhand_synergy::Content;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
@@ -84,6 +85,8 @@ pub struct Summary {
     pub contribution_sum: Option<f64>,
     /// Mean approximation error over the postures that the synergy covers, in joint space.
     pub mean_error_rad: Option<f64>,
+    /// What the final evaluation's grasps hold; none for a policy of little success.
+    pub content: Option<Content>,
     /// Training episodes whose simulation diverged; they were discarded.
     pub diverged_episodes: u64,
     /// Training steps at which MuJoCo warned of a full contact or constraint buffer, or of a bad inertia.

@@ -1,20 +1,17 @@
 //! Checkpoints: they hold the whole learner.
 
-use eigenhand_rl::{Ddpg, DdpgConfig, RlError, Tensor, TensorMap, rng};
+use eigenhand_rl::{Ddpg, DdpgConfig, Dimensions, RlError, Tensor, TensorMap, rng};
 
 use crate::{SHAPE, learner_config, random_batch, random_episode, without};
 
 const BATCH: usize = 16;
-const DIMS: [usize; 3] = [SHAPE.obs_dim, SHAPE.goal_dim, SHAPE.act_dim];
-
 fn config() -> DdpgConfig {
     DdpgConfig { hidden: vec![16, 16], batch_size: BATCH, ..learner_config() }
 }
 
 fn trained() -> Ddpg {
     let mut draws = rng::stream(31, "checkpoint", 0);
-    let [obs, goal, act] = DIMS;
-    let mut learner = Ddpg::new(config(), Dimensions { obs_dim: obs, goal_dim: goal, act_dim: act, n_outputs: act }, &mut draws).unwrap();
+    let mut learner = Ddpg::new(config(), Dimensions::of(SHAPE), &mut draws).unwrap();
     for _ in 0..5 {
         let episode = random_episode(SHAPE, &mut draws);
         learner.update_normalizers(&episode.observations, &episode.achieved_goals);
@@ -25,8 +22,7 @@ fn trained() -> Ddpg {
 }
 
 fn load(tensors: &TensorMap) -> Result<Ddpg, RlError> {
-    let [obs, goal, act] = DIMS;
-    Ddpg::from_tensors(config(), obs, goal, act, tensors)
+    Ddpg::from_tensors(config(), Dimensions::of(SHAPE), tensors)
 }
 
 #[test]
@@ -86,9 +82,9 @@ fn other_tensors_types_and_schemas_are_refused() {
 
 #[test]
 fn a_shape_mismatch_says_what_was_expected() {
-    let [obs, goal, act] = DIMS;
     let tensors = trained().to_tensors();
-    let error = Ddpg::from_tensors(config(), obs + 1, goal, act, &tensors).unwrap_err().to_string();
+    let wider = Dimensions { obs_dim: SHAPE.obs_dim + 1, ..Dimensions::of(SHAPE) };
+    let error = Ddpg::from_tensors(config(), wider, &tensors).unwrap_err().to_string();
     assert!(error.contains("`actor.0.weight`") && error.contains("[16, 8]") && error.contains("[16, 7]"), "{error}");
 }
 

@@ -1,6 +1,6 @@
 //! Threads that share an update.
 
-use eigenhand_rl::{Ddpg, DdpgConfig, TensorMap, rng};
+use eigenhand_rl::{Ddpg, DdpgConfig, Dimensions, TensorMap, rng};
 
 use crate::{SHAPE, learner_config, random_batch, random_episode};
 

@@ -1,11 +1,12 @@
 //! The exported directory: bit-identical numbers, clear errors, no incomplete directory.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 
 use crate::common::{file, joints, postures};
-use eigenhand_synergy::{Synergy, SynergyFile, export, import};
+use eigenhand_synergy::{JointMap, Recommended, Space, Synergy, SynergyFile, export, import};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -40,7 +41,7 @@ fn numbers_come_back_to_the_last_bit() {
         assert_eq!(bits(a.contribution()), bits(b.contribution()));
         assert_eq!(bits(a.coefficient_min()), bits(b.coefficient_min()));
         assert_eq!(bits(a.coefficient_max()), bits(b.coefficient_max()));
-        assert_eq!(bits(&postures.concat()), bits(&back.postures.concat()));
+        assert_eq!(bits(&postures.concat()), bits(&back.samples.concat()));
         assert_eq!(back.file, file);
         let actuation = back.file.actuation.unwrap();
         assert_eq!(bits(&actuation.matrix[1]), bits(&vec![-0.0; n]));
@@ -117,8 +118,11 @@ fn plain_file() -> String {
     let joints = &joints(2);
     let file = SynergyFile {
         hand: "h".to_owned(),
+        space: Space::Postures,
         synergy: Synergy::fit(joints, &[[0.0, 0.0], [2.0, 0.0], [1.0, 0.0]], 2).unwrap(),
+        joint_map: None,
         actuation: None,
+        recommended: None,
         provenance: [("by".to_owned(), "test".to_owned())].into(),
     };
     file.to_toml().unwrap()
@@ -129,8 +133,9 @@ fn the_text_is_what_a_person_expects() {
     let text = plain_file();
     let body: Vec<&str> = text.lines().filter(|line| !line.starts_with('#')).collect();
     let expected = r#"
-schema = 1
+schema = 2
 hand = "h"
+space = "postures"
 n_postures = 3
 joints = [
     { name = "FFJ3", unit = "rad", lower = -2.0, upper = 2.5 },
@@ -155,13 +160,49 @@ by = "test"
 }
 
 #[test]
+fn a_space_of_commands_comes_back_with_its_joint_map() {
+    let parent = TempDir::new().unwrap();
+    let dir = parent.path().join("synergy");
+    let (commands, measured) = (postures(40, 3), postures(40, 5));
+    let synergy = Synergy::fit(&joints(3), &commands, 2).unwrap();
+    let joint_map = JointMap::fit(&synergy, &commands, &joints(5), &measured).unwrap();
+    let file = SynergyFile {
+        hand: "h".to_owned(),
+        space: Space::Commands,
+        synergy,
+        joint_map: Some(joint_map),
+        actuation: None,
+        recommended: Some(Recommended { components: 2, reason: "two succeed".to_owned() }),
+        provenance: BTreeMap::new(),
+    };
+    export(&dir, &file, &commands).unwrap();
+    let back = import(&dir).unwrap();
+    assert_eq!((back.file, back.samples), (file.clone(), commands));
+    let text = file.to_toml().unwrap();
+    for (from, to, part) in [
+        ("[joint_map]", "[joint_map]\nunknown = 1", ""),
+        ("recommended_components = 2", "recommended_components = 9", "recommended_components"),
+        ("actuators = [", "actuator = [", "actuators"),
+        ("n_commands = 40", "", "n_commands"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        match SynergyFile::from_toml(&text.replacen(from, to, 1)) {
+            Ok(_) => assert_eq!(part, "", "{from} -> {to}"),
+            Err(error) => assert!(error.to_string().contains(part), "{error}"),
+        }
+    }
+}
+
+#[test]
 fn malformed_files_are_refused_by_name() {
     let good = plain_file();
     SynergyFile::from_toml(&good).unwrap();
     for (from, to, parts) in [
-        ("schema = 1", "schema = 2", &["schema 2", "schema 1"][..]),
-        ("schema = 1", "", &["schema"]),
-        ("schema = 1", "schema = = 1", &["TOML"]),
+        ("schema = 2", "schema = 1", &["schema 1", "schema 2"][..]),
+        ("schema = 2", "", &["schema"]),
+        ("schema = 2", "schema = = 2", &["TOML"]),
+        ("space = \"postures\"", "space = \"commands\"", &["actuators"]),
+        ("n_postures = 3", "n_postures = 3\nrecommended_components = 3", &["recommended_components", "1 to 2"]),
         ("mean = [1.0, 0.0]", "", &["mean"]),
         ("mean = [1.0, 0.0]", "mean = [1.0]", &["length of mean", "expected 2", "got 1"]),
         ("mean = [1.0, 0.0]", "mean = [1.0, nan]", &["mean[1]", "finite", "NaN"]),
