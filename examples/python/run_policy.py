@@ -54,6 +54,8 @@ class Policy:
         self.scaling = {name: (tensors[name + ".mean"], tensors[name + ".std"]) for name in ("observation", "goal")}
         n_layers = sum(name.startswith("actor.") and name.endswith(".bias") for name in tensors)
         self.layers = [(tensors[f"actor.{i}.weight"], tensors[f"actor.{i}.bias"]) for i in range(n_layers)]
+        # A policy that was confined to a synergy has a map from its outputs to actions.
+        self.map = (tensors["action.matrix"], tensors["action.offset"]) if "action.matrix" in tensors else None
         self.low = np.array([actuator["low"] for actuator in self.config["action"]])
         self.high = np.array([actuator["high"] for actuator in self.config["action"]])
 
@@ -67,7 +69,11 @@ class Policy:
         for weight, bias in self.layers[:-1]:
             x = np.maximum(weight @ x + bias, 0)
         weight, bias = self.layers[-1]
-        return np.tanh(weight @ x + bias)
+        output = np.tanh(weight @ x + bias)
+        if self.map is None:
+            return output
+        matrix, offset = self.map
+        return np.clip(matrix @ output + offset, -1, 1)
 
     def controls(self, action):
         """Maps an action onto the actuators' control ranges."""
