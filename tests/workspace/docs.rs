@@ -135,12 +135,15 @@ fn every_column_and_every_file_of_a_run_is_documented() {
     let text = read("docs/run-directory.md");
     let directory = quoted(&text);
     let policy: Table = String::from_utf8(run.bytes("policy.toml")).unwrap().parse().unwrap();
-    let synergy: Table = String::from_utf8(run.bytes("synergy/synergy.toml")).unwrap().parse().unwrap();
-    for key in policy.keys().chain(synergy.keys().filter(|key| *key != "actuation")) {
+    let table = |file: &str| -> Table { String::from_utf8(run.bytes(file)).unwrap().parse().unwrap() };
+    let (commands, postures) = (table("synergy/synergy.toml"), table("synergy-postures/synergy.toml"));
+    for key in policy.keys().chain(commands.keys()).chain(postures.keys()) {
         assert!(directory.contains(key), "docs/run-directory.md lacks the key `{key}`");
     }
-    for key in synergy["actuation"].as_table().unwrap().keys() {
-        assert!(directory.contains(&format!("actuation.{key}")), "docs/run-directory.md lacks actuation.{key}");
+    for (section, table) in [("joint_map", &commands["joint_map"]), ("actuation", &postures["actuation"])] {
+        for key in table.as_table().unwrap().keys() {
+            assert!(directory.contains(&format!("{section}.{key}")), "docs/run-directory.md lacks {section}.{key}");
+        }
     }
     for path in run.snapshot().keys() {
         let name = path.file_name().unwrap().to_str().unwrap();

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::bail;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_render::{Picture, grasp, postures};
-use eigenhand_synergy::Synergy;
+use eigenhand_synergy::SynergyFile;
 use eigenhand_train::FinishedRun;
 use serde::Serialize;
 
@@ -64,7 +64,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if !grasps.is_empty() {
         pictures.push(("grasps.png", Picture::grid(&grasps, COLUMNS)));
     }
-    if let (Some(synergy), _) = run.synergy()? {
+    if let Some(synergy) = run.control_synergy()? {
         let rows = sweep(&synergy, args.components as usize);
         pictures.push(("components.png", postures(&run.hand, &run.task, &rows)?));
     }
@@ -110,13 +110,14 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<Picture>, Vec<String>)> {
 
 /// Returns a row of postures for each of the first components: at its smallest coefficient, the mean, and at its
 /// largest.
-fn sweep(synergy: &Synergy, components: usize) -> Vec<Vec<Vec<f64>>> {
+fn sweep(file: &SynergyFile, components: usize) -> Vec<Vec<Vec<f64>>> {
+    let (synergy, Some(map)) = (&file.synergy, &file.joint_map) else { return Vec::new() };
     let ranges = synergy.coefficient_min().iter().zip(synergy.coefficient_max()).enumerate();
     let row = |(i, (low, high)): (usize, (&f64, &f64))| -> Vec<Vec<f64>> {
         let at = |value: f64| {
             let mut z = vec![0.0; synergy.n_components()];
             z[i] = value;
-            synergy.decode(&z)
+            map.decode(&z)
         };
         [*low, 0.0, *high].map(at).to_vec()
     };

@@ -33,6 +33,7 @@ Ctrl-C saves and stops after the current cycle (exit status 130); a second Ctrl-
 Examples:
   eigenhand train --hand shadow
   eigenhand train --hand shadow --lambda 0 --objects cube,sphere --set learner.gamma=0.95
+  eigenhand train --hand shadow --action-space synergy --synergy runs/shadow-default-l1-s1-1 --components 3
   eigenhand train --resume runs/shadow-default-l1-s1-1
   eigenhand train --hand shadow --preset quick --seed 1";
 
@@ -45,7 +46,7 @@ pub struct Args {
     hand: Option<String>,
     #[command(flatten)]
     settings: SettingsArgs,
-    /// Weight of the synergy's feedback; 0 turns it off
+    /// How far the policy is confined to its synergy: 1 is all the way, 0 leaves it free
     #[arg(long, value_name = "X")]
     lambda: Option<f64>,
     /// Seed of all random numbers
@@ -54,11 +55,20 @@ pub struct Args {
     /// Run directory [default: runs/<hand>-<preset>-l<lambda>-s<seed>-<n>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// What the policy commands: every joint, or the numbers of the synergy that --synergy names
+    #[arg(long, value_name = "SPACE", value_parser = ["joints", "synergy"])]
+    action_space: Option<String>,
+    /// Run, export or synergy.toml in whose numbers the policy acts
+    #[arg(long, value_name = "PATH", requires = "action_space")]
+    synergy: Option<PathBuf>,
+    /// Components of the synergy: the numbers that command the hand
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    components: Option<u64>,
     /// Continues the run in this directory
     #[arg(
         long,
         value_name = "DIR",
-        conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out"]
+        conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out", "action_space", "synergy", "components"]
     )]
     resume: Option<PathBuf>,
     /// Threads for simulation and for updates; 0 means one for each core. The result does not depend on this number
@@ -214,16 +224,37 @@ fn prepare(args: &Args) -> Result<Launch, TrainError> {
             tensorboard: args.tensorboard,
             hands: search_path(&args.settings.plugins),
         }),
-        None => Launch::start(&NewRun {
-            hand: args.hand.clone(),
-            lambda: args.lambda,
-            seed: args.seed,
-            workers: args.workers,
-            tensorboard: args.tensorboard,
-            out: args.out.clone(),
-            ..args.settings.new_run()
-        }),
+        None => {
+            let mut request = args.settings.new_run();
+            request.assignments.extend(action_space(args));
+            Launch::start(&NewRun {
+                hand: args.hand.clone(),
+                lambda: args.lambda,
+                seed: args.seed,
+                workers: args.workers,
+                tensorboard: args.tensorboard,
+                out: args.out.clone(),
+                ..request
+            })
+        }
     }
+}
+
+/// Returns the options on what the policy commands as assignments of settings.
+fn action_space(args: &Args) -> Vec<String> {
+    let mut assignments = Vec::new();
+    if let Some(space) = &args.action_space {
+        assignments.push(format!("action_space={space}"));
+    }
+    if let Some(path) = &args.synergy {
+        // The run directory keeps the path, so it must not depend on the working directory.
+        let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+        assignments.push(format!("synergy.file={}", toml::Value::String(path.display().to_string())));
+    }
+    if let Some(components) = args.components {
+        assignments.push(format!("synergy.components={components}"));
+    }
+    assignments
 }
 
 /// Sets the flag at the first Ctrl-C or SIGTERM, and ends the program at the second.
@@ -350,7 +381,9 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
 
 /// Returns the numbers of components whose success is worth a line: a constant command, one, two, and as configured.
 fn driven_rows(summary: &Summary) -> Vec<usize> {
-    let mut rows = vec![0, 1, 2, summary.components];
+    let most = summary.success_with_components.len().saturating_sub(1);
+    let mut rows: Vec<usize> = [0, 1, 2, summary.components].map(|k| k.min(most)).to_vec();
+    rows.sort_unstable();
     rows.dedup();
     rows.retain(|&k| k < summary.success_with_components.len());
     rows

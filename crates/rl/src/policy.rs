@@ -121,6 +121,11 @@ impl Policy {
         self.map().map_or(self.parts.actor.outputs(), ActionMap::n_actions)
     }
 
+    /// Returns the number of the actor's outputs, which are the actions if there is no [`map`](Self::map).
+    pub fn n_outputs(&self) -> usize {
+        self.parts.actor.outputs()
+    }
+
     /// Exports the tensors with which another program can run the policy: `actor.{i}.weight` (outputs x inputs, row-major),
     /// `actor.{i}.bias`, `mean` and `std` of `observation` and `goal`, and `action.matrix` and `action.offset` of the
     /// [`ActionMap`], if there is one. The limits at which inputs are clipped are in [`NormalizerConfig`].

@@ -41,8 +41,44 @@ pub struct SynergyFile {
     pub actuation: Option<ActuationMap>,
     /// Number of components that is enough, where it was measured.
     pub recommended: Option<Recommended>,
+    /// For a space of commands, the mean grasp of each object.
+    pub grasps: Vec<NamedGrasp>,
     /// The origin of the numbers: any keys with texts.
     pub provenance: BTreeMap<String, String>,
+}
+
+/// A mean grasp of one object, as three moments that a controller can move between.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NamedGrasp {
+    /// Name of the object.
+    pub object: String,
+    /// Number of motions of which this is the mean.
+    pub motions: usize,
+    /// The hand approaches, open.
+    pub open: Moment,
+    /// The hand has closed, before it lifts.
+    pub closed: Moment,
+    /// The hand holds the object at the goal.
+    pub held: Moment,
+}
+
+/// One moment of a grasp.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Moment {
+    /// The coefficients, k.
+    pub z: Vec<f64>,
+    /// The measured joint positions, in the order of the joint map's joints.
+    pub q: Vec<f64>,
+}
+
+impl NamedGrasp {
+    fn check(&self, i: usize, k: usize, n: usize) -> Result<(), SynergyError> {
+        for (name, moment) in [("open", &self.open), ("closed", &self.closed), ("held", &self.held)] {
+            check_numbers(&format!("grasps[{i}].{name}.z"), &moment.z, k)?;
+            check_numbers(&format!("grasps[{i}].{name}.q"), &moment.q, n)?;
+        }
+        Ok(())
+    }
 }
 
 /// Number of components that is enough.
@@ -89,6 +125,15 @@ impl SynergyFile {
             put_rows(&mut text, "joints", &map.joints)?;
             put(&mut text, "mean", &map.mean)?;
             put_rows(&mut text, "matrix", &map.matrix)?;
+        }
+        self.check_grasps()?;
+        for grasp in &self.grasps {
+            text.push_str("\n[[grasps]]\n");
+            put(&mut text, "object", &grasp.object)?;
+            put(&mut text, "motions", &grasp.motions)?;
+            for (name, moment) in [("open", &grasp.open), ("closed", &grasp.closed), ("held", &grasp.held)] {
+                put(&mut text, name, moment)?;
+            }
         }
         if let Some(actuation) = &self.actuation {
             check_actuation(actuation, synergy.n_joints())?;
@@ -148,15 +193,24 @@ impl SynergyFile {
                 return Err(SynergyError::invalid("recommended_components", expected, format!("{components:?}")));
             }
         };
-        Ok(SynergyFile {
+        let file = SynergyFile {
             hand: record.hand,
             space: record.space,
             synergy,
             joint_map: record.joint_map,
             actuation: record.actuation,
             recommended,
+            grasps: record.grasps,
             provenance: record.provenance,
-        })
+        };
+        file.check_grasps()?;
+        Ok(file)
+    }
+
+    fn check_grasps(&self) -> Result<(), SynergyError> {
+        let n = self.joint_map.as_ref().map_or(0, |map| map.joints.len());
+        let grasps = self.grasps.iter().enumerate();
+        grasps.map(|(i, grasp)| grasp.check(i, self.synergy.n_components(), n)).collect()
     }
 
     /// Reads a file.
@@ -175,7 +229,8 @@ const COMMANDS_HEADER: &str = "\
 #   decode   u = mean + z components, clamped to the actuators' ranges
 #   encode   z = (u - mean) components^T
 #   joints   q = mean + z matrix, clamped to the joints' limits: where the hand then is (section [joint_map])
-# To use fewer numbers, use the first rows only.
+# To use fewer numbers, use the first rows only. Each of [[grasps]] is the mean grasp of an object: move from the numbers
+# `open` to `closed`, then lift with `held`; q are the joint positions that were measured there.
 ";
 
 const POSTURES_HEADER: &str = "\
@@ -208,6 +263,8 @@ struct SynergyRecord {
     joints: Option<Vec<JointInfo>>,
     actuators: Option<Vec<JointInfo>>,
     joint_map: Option<JointMap>,
+    #[serde(default)]
+    grasps: Vec<NamedGrasp>,
     mean: Vec<f64>,
     components: Vec<Vec<f64>>,
     explained_variance: Vec<f64>,

@@ -46,6 +46,6 @@ pub use database::{MotionRecord, PostureDatabase, PostureRecord, Source};
 pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 pub use error::SynergyError;
 pub use export::{Import, export, import};
-pub use file::{Recommended, SCHEMA, Space, SynergyFile};
+pub use file::{Moment, NamedGrasp, Recommended, SCHEMA, Space, SynergyFile};
 pub use joint_map::JointMap;
 pub use pca::{Synergy, newest};

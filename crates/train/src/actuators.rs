@@ -42,6 +42,31 @@ impl HandActuators {
         scaled.map(|(&i, (centre, half))| centre + half * f64::from(action[i])).collect()
     }
 
+    /// Returns the map from numbers, the slide's action last, to actions: the commands are `centre + numbers rows`.
+    ///
+    /// # Shapes
+    /// For `n` coordinates: `centre` n, each of `rows` n, in the actuators' units.
+    ///
+    /// # Errors
+    /// [`TrainError::Rl`] for numbers that are not finite.
+    pub fn from_numbers(&self, centre: &[f64], rows: &[Vec<f64>]) -> Result<ActionMap, TrainError> {
+        let n_outputs = rows.len() + 1;
+        let mut matrix = vec![0.0f32; self.n_actions * n_outputs];
+        let mut offset = vec![0.0f32; self.n_actions];
+        for action in (0..self.n_actions).filter(|action| !self.actions.contains(action)) {
+            matrix[action * n_outputs + rows.len()] = 1.0;
+        }
+        for ((i, &action), (middle, half)) in self.actions.iter().enumerate().zip(self.centre_and_half()) {
+            if half > 0.0 {
+                offset[action] = ((centre[i] - middle) / half) as f32;
+                for (output, row) in rows.iter().enumerate() {
+                    matrix[action * n_outputs + output] = (row[i] / half) as f32;
+                }
+            }
+        }
+        Ok(ActionMap::new(matrix, offset, n_outputs)?)
+    }
+
     /// Returns the map that moves an action's commands towards their projection on an affine space: for `rest` = 0 onto it,
     /// for `rest` = 1 nowhere. The slide's action stays as it is.
     ///

@@ -14,7 +14,7 @@ pub struct Assessment {
     pub run: PathBuf,
     /// Name of the hand.
     pub hand: String,
-    /// Weight of the synergy's feedback in training.
+    /// How far training confined the policy to its synergy.
     pub lambda: f64,
     /// Seed of the evaluation's episodes.
     pub seed: u64,

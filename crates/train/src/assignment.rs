@@ -6,6 +6,7 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::Dimensions;
 use eigenhand_sim::GraspTask;
 
+use crate::action_space::SynergySpace;
 use crate::config::RunConfig;
 use crate::provenance::Provenance;
 use crate::rollout::episode_shape;
@@ -21,6 +22,8 @@ pub struct Assignment {
     pub hand: Hand,
     /// Its task.
     pub task: Arc<GraspTask>,
+    /// The synergy in which its policy acts; none if the policy commands every actuator.
+    pub space: Option<SynergySpace>,
     /// Its directory.
     pub run: RunDirectory,
 }
@@ -28,6 +31,8 @@ pub struct Assignment {
 impl Assignment {
     /// Returns the sizes of the learner.
     pub(crate) fn dimensions(&self) -> Dimensions {
-        Dimensions::of(episode_shape(&self.task))
+        let dimensions = Dimensions::of(episode_shape(&self.task));
+        let n_outputs = self.space.as_ref().map_or(dimensions.n_outputs, |space| space.map.n_outputs());
+        Dimensions { n_outputs, ..dimensions }
     }
 }

@@ -62,7 +62,7 @@ impl Trainer {
         let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
         // The export simulates too. Besides replay, the threads' simulations take most of the memory.
         drop(pool);
-        let Assignment { config, provenance, hand, task, run } = &assignment;
+        let Assignment { config, provenance, hand, task, run, .. } = &assignment;
         let evaluation = evaluation.as_ref();
         let success_rate = evaluation.map(Evaluation::success_rate);
         let synergy = reward.feedback.synergy();

@@ -7,6 +7,7 @@
 use eigenhand_rl::ActionMap;
 use eigenhand_synergy::{JointInfo, MotionRecord, Synergy};
 
+use crate::action_space::ActionSpace;
 use crate::actuators::HandActuators;
 use crate::config::{RunConfig, SynergyConfig};
 use crate::error::TrainError;
@@ -45,7 +46,11 @@ impl Control {
         Control {
             actuators,
             config: config.synergy.clone(),
-            last_rest: (1.0 - config.lambda).max(0.0),
+            last_rest: match config.action_space {
+                ActionSpace::Joints => (1.0 - config.lambda).max(0.0),
+                // The policy acts in a space of its own.
+                ActionSpace::Synergy => 1.0,
+            },
             total: config.episodes,
             motions: Vec::new(),
             starts: Vec::new(),

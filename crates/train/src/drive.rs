@@ -66,7 +66,7 @@ pub(crate) struct Driver<'a> {
     pub free_steps: usize,
 }
 
-/// Most components whose success a run's summary holds.
+/// Components up to which a run's summary holds the success, if fewer are configured.
 pub(crate) const MOST_COMPONENTS: usize = 8;
 
 /// Success may be this much below that of all joints where few numbers are said to be enough.
@@ -84,7 +84,7 @@ pub(crate) fn fewest_components(success: &[f64], all_joints: f64) -> Option<usiz
 }
 
 impl Driver<'_> {
-    /// Measures the success with 0, 1, 2... components, at most [`MOST_COMPONENTS`]. Components in which the policy's
+    /// Measures the success with 0, 1, 2... components, up to all of the space. Components in which the policy's
     /// commands do not vary change nothing, and are not measured again.
     ///
     /// # Errors
@@ -97,7 +97,7 @@ impl Driver<'_> {
         episodes: u64,
     ) -> Result<Vec<f64>, TrainError> {
         let mut rates: Vec<f64> = Vec::new();
-        for k in 0..=self.space.n_components().min(MOST_COMPONENTS) {
+        for k in 0..=self.space.n_components() {
             let last = k.checked_sub(1).map(|i| self.space.contribution()[i]);
             let rate = match (last, rates.last()) {
                 (Some(share), Some(&rate)) if share < STILL => rate,

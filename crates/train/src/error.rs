@@ -38,6 +38,14 @@ pub enum TrainError {
     /// A file could not be read or written.
     #[error(transparent)]
     File(#[from] FileError),
+    /// The synergy in which a policy should act cannot be used.
+    #[error("cannot act in the synergy {}: {reason}\ngive the run, the export or the synergy.toml of this hand with --synergy", path.display())]
+    ActionSpace {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
     /// A run's policy hardly ever succeeds, so its commands have no synergy.
     #[error("the policy of {} succeeded in none of the episodes that show how it moves, so there is no synergy; train longer", run.display())]
     NoMotions {

@@ -4,6 +4,7 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{ActionDimension, Coordination, ExplorationConfig};
 use eigenhand_sim::GraspTask;
 
+use crate::action_space::SynergySpace;
 use crate::config::RunConfig;
 use crate::error::TrainError;
 
@@ -19,16 +20,20 @@ pub(crate) fn exploration_of(
     config: &RunConfig,
     hand: &Hand,
     task: &GraspTask,
+    space: Option<&SynergySpace>,
 ) -> Result<ExplorationConfig, TrainError> {
     let mut exploration = config.exploration.clone();
-    exploration.dimensions = dimensions(hand, task, config.training.slide_hold);
-    exploration.validate(task.action_len())?;
+    exploration.dimensions = match space {
+        Some(space) => space.dimensions.clone(),
+        None => dimensions(hand, task, config.training.slide_hold),
+    };
+    exploration.validate(exploration.dimensions.len())?;
     Ok(exploration)
 }
 
 /// Returns the role of each actuator in exploration. In a coordinated action the hand closes or opens, and the slide
 /// goes down or up.
-fn dimensions(hand: &Hand, task: &GraspTask, slide_hold: f32) -> Vec<ActionDimension> {
+pub(crate) fn dimensions(hand: &Hand, task: &GraspTask, slide_hold: f32) -> Vec<ActionDimension> {
     let closing = &hand.manifest.closing;
     let dimension = |(name, start): (&String, f32)| {
         let slide = *name == hand.manifest.slide.name;

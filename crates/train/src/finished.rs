@@ -9,7 +9,7 @@ use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::{Policy, TensorMap};
 use eigenhand_sim::{GraspEnv, GraspTask};
-use eigenhand_synergy::{PostureDatabase, Synergy, newest};
+use eigenhand_synergy::{PostureDatabase, Synergy, SynergyFile, newest};
 
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
@@ -122,11 +122,15 @@ impl FinishedRun {
     ) -> Result<Drive, TrainError> {
         let mut pool = WorkerPool::new(&self.task, workers)?;
         let actuators = HandActuators::of(&self.hand, &self.task);
-        // The same episodes and so the same space as that of the export, with all of its components.
-        let (config_seed, motion_episodes) = (self.config.seed, 0..self.config.evaluation.selection_episodes);
+        // In the scene of training: the same episodes and so the same space as that of the export, with all its components.
+        let trained = RunConfig::read(&self.directory.join(CONFIG))?;
+        let task = task_of(&trained, &self.hand, &MuJoCo::load()?)?;
+        let motion_episodes = 0..trained.evaluation.selection_episodes;
+        let mut trained_pool = WorkerPool::new(&task, workers)?;
         let stream = EvaluationStream::Motion;
-        let found = simulate(&mut pool, &self.task, &self.policy, config_seed, stream, motion_episodes, None)?;
-        let motions = motions(&found, &actuators, &self.task);
+        let found = simulate(&mut trained_pool, &task, &self.policy, trained.seed, stream, motion_episodes, None)?;
+        drop(trained_pool);
+        let motions = motions(&found, &actuators, &task);
         let Some(space) = control_space(&actuators.coordinates, &motions, actuators.coordinates.len())? else {
             return Err(TrainError::NoMotions { run: self.directory.clone() });
         };
@@ -185,6 +189,15 @@ impl FinishedRun {
         let joints = &self.task.posture_joints;
         let synergy = Synergy::fit_newest(joints, &postures, config.components, config.window)?;
         Ok((synergy, newest(&postures, config.window).to_vec()))
+    }
+
+    /// Reads the control synergy that the run exported; none if it has none.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`] for a file that is damaged.
+    pub fn control_synergy(&self) -> Result<Option<SynergyFile>, TrainError> {
+        let directory = self.directory.join(SYNERGY);
+        Ok(if directory.exists() { Some(eigenhand_synergy::import(directory)?.file) } else { None })
     }
 
     /// Writes the synergy of the run's postures, the policy and the scenes into a directory, and lists the files in it.

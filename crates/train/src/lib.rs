@@ -5,6 +5,7 @@
 //! [`reproduce`] trains several runs, each in its own process.
 #![forbid(unsafe_code)]
 
+mod action_space;
 mod actuators;
 mod assessment;
 mod assignment;
@@ -41,6 +42,7 @@ mod tensorboard;
 mod threads;
 mod trainer;
 
+pub use action_space::ActionSpace;
 pub use assessment::{Assessment, ObjectScore, wilson_interval};
 pub use assignment::Assignment;
 pub use drive::{Drive, Driven};

@@ -8,7 +8,7 @@ use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, rng};
 use eigenhand_sim::{GraspEnv, GraspTask, ObservationEntry, SimError, scene};
-use eigenhand_synergy::{Import, JointInfo, JointMap, MotionRecord, Recommended, Space, Synergy, SynergyFile};
+use eigenhand_synergy::{Import, JointInfo, JointMap, Moment, MotionRecord, NamedGrasp, Recommended, Space, Synergy, SynergyFile};
 use serde::Serialize;
 
 use crate::actuators::HandActuators;
@@ -49,6 +49,7 @@ pub(crate) struct ControlProduct {
     commands: Vec<Vec<f64>>,
     joint_map: JointMap,
     recommended: Option<Recommended>,
+    grasps: Vec<NamedGrasp>,
 }
 
 impl ControlProduct {
@@ -67,7 +68,8 @@ impl ControlProduct {
         let (commands, postures): (Vec<_>, Vec<_>) =
             motions.iter().map(|step| (step.command.clone(), step.posture.as_slice())).unzip();
         let joint_map = JointMap::fit(&synergy, &commands, joints, &postures)?;
-        Ok(Some(ControlProduct { synergy, commands, joint_map, recommended }))
+        let grasps = mean_grasps(&synergy, motions);
+        Ok(Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }))
     }
 
     /// Reads the directory that a run exported.
@@ -77,8 +79,8 @@ impl ControlProduct {
     pub fn read(directory: &Path) -> Result<ControlProduct, TrainError> {
         let Import { file, samples } = eigenhand_synergy::import(directory)?;
         match file {
-            SynergyFile { space: Space::Commands, synergy, joint_map: Some(joint_map), recommended, .. } => {
-                Ok(ControlProduct { synergy, commands: samples, joint_map, recommended })
+            SynergyFile { space: Space::Commands, synergy, joint_map: Some(joint_map), recommended, grasps, .. } => {
+                Ok(ControlProduct { synergy, commands: samples, joint_map, recommended, grasps })
             }
             _ => Err(TrainError::Damaged {
                 path: directory.to_owned(),
@@ -87,6 +89,39 @@ impl ControlProduct {
             }),
         }
     }
+}
+
+/// Returns the mean grasp of each object, in the order of the objects' names.
+fn mean_grasps(synergy: &Synergy, motions: &[MotionRecord]) -> Vec<NamedGrasp> {
+    let mut of_object: BTreeMap<&str, Vec<&[MotionRecord]>> = BTreeMap::new();
+    for motion in motions.chunk_by(|a, b| a.episode == b.episode) {
+        of_object.entry(motion[0].object.as_str()).or_default().push(motion);
+    }
+    let mean = |moments: &[&MotionRecord]| {
+        let average = |rows: Vec<Vec<f64>>| -> Vec<f64> {
+            let n = rows.len() as f64;
+            (0..rows[0].len()).map(|i| rows.iter().map(|row| row[i]).sum::<f64>() / n).collect()
+        };
+        Moment {
+            z: average(moments.iter().map(|step| synergy.encode(&step.command)).collect()),
+            q: average(moments.iter().map(|step| step.posture.clone()).collect()),
+        }
+    };
+    let grasp = |(object, motions): (&str, Vec<&[MotionRecord]>)| {
+        let first = |motion: &&'_ [MotionRecord]| -> usize { motion.iter().position(|s| s.held).unwrap_or(0) };
+        let open: Vec<&MotionRecord> = motions.iter().map(|motion| &motion[0]).collect();
+        let closed: Vec<&MotionRecord> =
+            motions.iter().map(|motion| &motion[first(motion).saturating_sub(1)]).collect();
+        let held: Vec<&MotionRecord> = motions.iter().map(|motion| &motion[motion.len() - 1]).collect();
+        NamedGrasp {
+            object: object.to_owned(),
+            motions: motions.len(),
+            open: mean(&open),
+            closed: mean(&closed),
+            held: mean(&held),
+        }
+    };
+    of_object.into_iter().map(grasp).collect()
 }
 
 #[derive(Serialize)]
@@ -188,7 +223,7 @@ fn write_synergies(products: &Products, directory: &Path) -> Result<(), TrainErr
         ("mujoco_version".to_owned(), products.provenance.mujoco_version.clone()),
     ]);
     let hand = products.hand.manifest.name.clone();
-    if let Some(ControlProduct { synergy, commands, joint_map, recommended }) = &products.control {
+    if let Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }) = &products.control {
         let file = SynergyFile {
             hand: hand.clone(),
             space: Space::Commands,
@@ -196,6 +231,7 @@ fn write_synergies(products: &Products, directory: &Path) -> Result<(), TrainErr
             joint_map: Some(joint_map.clone()),
             actuation: None,
             recommended: recommended.clone(),
+            grasps: grasps.clone(),
             provenance: provenance.clone(),
         };
         eigenhand_synergy::export(directory.join(SYNERGY), &file, commands)?;
@@ -208,6 +244,7 @@ fn write_synergies(products: &Products, directory: &Path) -> Result<(), TrainErr
         joint_map: None,
         actuation: Some(actuation_map(products.hand, products.task)),
         recommended: None,
+        grasps: Vec::new(),
         provenance,
     };
     Ok(eigenhand_synergy::export(directory.join(POSTURE_SYNERGY), &file, products.postures)?)

@@ -11,6 +11,7 @@ use eigenhand_mujoco::MuJoCo;
 use serde::Serialize;
 use toml::Value;
 
+use crate::action_space::SynergySpace;
 use crate::assignment::Assignment;
 use crate::config::{ConfigError, Layers, Preset, RunConfig, parse_settings, read_layer};
 use crate::error::TrainError;
@@ -37,7 +38,7 @@ pub struct NewRun {
     pub file: Option<PathBuf>,
     /// Assignments `key=value` with dotted keys.
     pub assignments: Vec<String>,
-    /// Weight of the synergy's feedback.
+    /// How far the policy is confined to its synergy.
     pub lambda: Option<f64>,
     /// Seed.
     pub seed: Option<u64>,
@@ -87,7 +88,7 @@ pub struct Plan {
     pub objects: Vec<String>,
     /// Preset.
     pub preset: Preset,
-    /// Weight of the synergy's feedback.
+    /// How far the policy is confined to its synergy.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
@@ -121,11 +122,15 @@ impl Launch {
         let (config, hand) = resolve(request)?;
         let library = MuJoCo::load()?;
         let task = task_of(&config, &hand, &library)?;
+        let space = SynergySpace::of(&config, &hand, &task)?;
         let provenance = Provenance::collect(&hand, &library);
         let run = RunDirectory::create(request.out.as_deref(), &config, &provenance)?;
+        if let Some(space) = &space {
+            space.keep(run.path())?;
+        }
         let log = RunLog::start(run.path())?;
         let mut plan = Plan::of(&config, &hand, &library, run.path());
-        let trainer = Trainer::create(Assignment { config, provenance, hand, task, run })?;
+        let trainer = Trainer::create(Assignment { config, provenance, hand, task, space, run })?;
         plan.episodes_done = trainer.counters.episodes;
         Ok(Launch { plan, trainer, _log: log })
     }
@@ -153,7 +158,8 @@ impl Launch {
         let task = task_of(&config, &hand, &library)?;
         let log = RunLog::start(run.path())?;
         let mut plan = Plan::of(&config, &hand, &library, run.path());
-        let trainer = Trainer::resume(Assignment { config, provenance, hand, task, run })?;
+        let space = SynergySpace::resume(run.path(), &config, &hand, &task)?;
+        let trainer = Trainer::resume(Assignment { config, provenance, hand, task, space, run })?;
         plan.episodes_done = trainer.counters.episodes;
         if plan.episodes < plan.episodes_done {
             return Err(TrainError::Option {

@@ -106,15 +106,16 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
     let mut env_rng = rng::stream(job.seed, &format!("{}/env", job.stream), job.index);
     let mut explore_rng = rng::stream(job.seed, &format!("{}/explore", job.stream), job.index);
     let scene = job.scene.unwrap_or_else(|| env_rng.random_range(0..task.scenes.len()));
+    let n_outputs = job.policy.n_outputs();
     let (mut exploration, source) = match &job.behaviour {
         Behaviour::Greedy => (Exploration::none(), Source::Policy),
-        Behaviour::Warmup(config) => (Exploration::warmup(config, shape.act_dim), Source::Script),
+        Behaviour::Warmup(config) => (Exploration::warmup(config, n_outputs), Source::Script),
         Behaviour::Attempt(config) => (Exploration::attempt(config, &mut explore_rng), Source::Script),
         Behaviour::Explore(config) => {
             if explore_rng.random::<f32>() < config.noise_free_share {
                 (Exploration::none(), Source::Policy)
             } else {
-                (Exploration::noisy(config, shape.act_dim, &mut explore_rng), Source::Noise)
+                (Exploration::noisy(config, n_outputs, &mut explore_rng), Source::Noise)
             }
         }
     };

@@ -42,7 +42,7 @@ pub struct Summary {
     pub hand: String,
     /// Preset.
     pub preset: String,
-    /// Weight of the synergy's feedback.
+    /// How far the policy is confined to its synergy.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,

@@ -26,7 +26,7 @@ use crate::exploration::exploration_of;
 use crate::feedback::GraspReward;
 use crate::finalists::{Finalist, Finalists};
 use crate::journal::Journal;
-use crate::metrics::MetricsRow;
+use crate::metrics::{MetricsRow, TRUSTED};
 use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
@@ -63,7 +63,8 @@ impl Trainer {
         let Assignment { config, run, .. } = &assignment;
         let dimensions = assignment.dimensions();
         let mut random = rng::stream(config.seed, "init", 0);
-        let learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
+        let mut learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
+        learner.set_action_map(assignment.space.as_ref().map(|space| space.map.clone()));
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
         Trainer::assemble(assignment, learner, checkpoints, Counters::default())
     }
@@ -78,7 +79,8 @@ impl Trainer {
         let (checkpoints, restored) =
             Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let Restored { counters, learner, finalists, episodes } = restored;
-        let learner = Ddpg::from_tensors(config.learner.clone(), dimensions, &learner)?;
+        let mut learner = Ddpg::from_tensors(config.learner.clone(), dimensions, &learner)?;
+        learner.set_action_map(assignment.space.as_ref().map(|space| space.map.clone()));
         let mut trainer = Trainer::assemble(assignment, learner, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
@@ -96,9 +98,9 @@ impl Trainer {
         checkpoints: Checkpoints,
         counters: Counters,
     ) -> Result<Trainer, TrainError> {
-        let Assignment { config, provenance, hand, task, run } = &assignment;
+        let Assignment { config, provenance, hand, task, space, run } = &assignment;
         let shape = episode_shape(task);
-        let exploration = exploration_of(config, hand, task)?;
+        let exploration = exploration_of(config, hand, task, space.as_ref())?;
         let journal = Journal::open(run, config, provenance, counters.episodes)?;
         let actuators = HandActuators::of(hand, task);
         let postures = Postures::open(run, config, task, &actuators)?;
@@ -240,7 +242,9 @@ impl Trainer {
 
     /// Confines the policy to the control synergy as far as the schedule says.
     fn confine(&mut self) -> Result<(), TrainError> {
-        self.learner.set_action_map(self.control.action_map(self.counters.episodes)?);
+        if self.assignment.space.is_none() {
+            self.learner.set_action_map(self.control.action_map(self.counters.episodes)?);
+        }
         Ok(())
     }
 
@@ -288,31 +292,37 @@ impl Trainer {
         let finalist = Finalist { success_rate, episode: self.counters.episodes, policy };
         self.finalists.enter(finalist, finalists);
         let components = self.assignment.config.synergy.components.min(self.postures.joints().len());
-        let row = MetricsRow::of(&self.counters, &evaluation, driven, self.reward.feedback.synergy(), components);
+        let row = MetricsRow::of(&self.counters, &evaluation, driven.map(|(_, rate)| rate), self.reward.feedback.synergy(), components);
         self.journal.append(&row)?;
-        let driven = driven.map_or_else(String::new, |rate| format!(", with {} numbers {:.1} %", components, 100.0 * rate));
+        let driven = driven.map_or_else(String::new, |(k, rate)| format!(", with {k} numbers {:.1} %", 100.0 * rate));
         progress.note(&format!("episode {}: {evaluation}{driven}", self.counters.episodes));
         self.counters.sums = UpdateSums::default();
         Ok(())
     }
 
-    /// Measures the success of a policy with the configured number of components; none while there is no control synergy.
-    fn success_with_components(&mut self, policy: &Policy, success_rate: f64) -> Result<Option<f64>, TrainError> {
+    /// Measures the success of a policy with as many components as the control synergy has. Returns both numbers; none
+    /// while there is no such synergy.
+    fn success_with_components(
+        &mut self,
+        policy: &Policy,
+        success_rate: f64,
+    ) -> Result<Option<(usize, f64)>, TrainError> {
         let episode = self.counters.episodes;
         let Some(space) = self.control.space(episode)? else { return Ok(None) };
         let Assignment { config, task, .. } = &self.assignment;
         if self.control.is_confined(episode) {
             // The projection changes nothing.
-            return Ok(Some(success_rate));
+            return Ok(Some((space.n_components(), success_rate)));
         }
         let driver = Driver { task, policy, actuators: &self.control.actuators, space: &space, free_steps: 0 };
         let (stream, k) = (EvaluationStream::Periodic, space.n_components());
         let driven = driver.measure(&mut self.pool, k, config.seed, stream, config.evaluation.episodes, false)?;
-        Ok(Some(driven.success_rate))
+        Ok(Some((k, driven.success_rate)))
     }
 
     fn status(&self, steps_per_s: f64) -> Status {
-        let contribution_sum = self.reward.feedback.synergy().map(Synergy::contribution_sum);
+        let trusted = self.counters.last_evaluation.is_some_and(|success| success >= TRUSTED);
+        let contribution_sum = self.reward.feedback.synergy().filter(|_| trusted).map(Synergy::contribution_sum);
         self.counters.status(self.assignment.config.episodes, contribution_sum, steps_per_s)
     }
 

@@ -52,6 +52,7 @@ pub fn file(n_postures: usize, n: usize, k: usize) -> (SynergyFile, Vec<Vec<f64>
             matrix: vec![vec![1.0 / 3.0; n], vec![-0.0; n]],
             offset: vec![1e-300, -1.5],
         }),
+        grasps: Vec::new(),
         provenance: [("git.revision", "0123abc"), ("note", "two\nlines")]
             .map(|(key, value)| (key.to_owned(), value.to_owned()))
             .into(),

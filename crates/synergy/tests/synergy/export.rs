@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 use crate::common::{file, joints, postures};
-use eigenhand_synergy::{JointMap, Recommended, Space, Synergy, SynergyFile, export, import};
+use eigenhand_synergy::{JointMap, Moment, NamedGrasp, Recommended, Space, Synergy, SynergyFile, export, import};
 use proptest::prelude::*;
 use tempfile::TempDir;
 
@@ -123,6 +123,7 @@ fn plain_file() -> String {
         joint_map: None,
         actuation: None,
         recommended: None,
+        grasps: Vec::new(),
         provenance: [("by".to_owned(), "test".to_owned())].into(),
     };
     file.to_toml().unwrap()
@@ -173,6 +174,13 @@ fn a_space_of_commands_comes_back_with_its_joint_map() {
         joint_map: Some(joint_map),
         actuation: None,
         recommended: Some(Recommended { components: 2, reason: "two succeed".to_owned() }),
+        grasps: vec![NamedGrasp {
+            object: "cube".to_owned(),
+            motions: 4,
+            open: Moment { z: vec![0.1, -0.2], q: vec![0.0; 5] },
+            closed: Moment { z: vec![1.0 / 3.0, 0.2], q: vec![0.5; 5] },
+            held: Moment { z: vec![0.4, 0.2], q: vec![0.6; 5] },
+        }],
         provenance: BTreeMap::new(),
     };
     export(&dir, &file, &commands).unwrap();
@@ -184,6 +192,7 @@ fn a_space_of_commands_comes_back_with_its_joint_map() {
         ("recommended_components = 2", "recommended_components = 9", "recommended_components"),
         ("actuators = [", "actuator = [", "actuators"),
         ("n_commands = 40", "", "n_commands"),
+        ("z = [0.4, 0.2]", "z = [0.4]", "grasps[0].held.z"),
     ] {
         assert!(text.contains(from), "{from}");
         match SynergyFile::from_toml(&text.replacen(from, to, 1)) {

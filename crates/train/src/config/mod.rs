@@ -11,6 +11,7 @@ use eigenhand_rl::{DdpgConfig, ExplorationConfig, HerConfig};
 use eigenhand_sim::{PhysicsConfig, RewardConfig, Setting, TaskConfig};
 use serde::{Deserialize, Serialize};
 
+use crate::action_space::ActionSpace;
 use crate::feedback::{Feedback, Penalty};
 
 mod error;
@@ -87,9 +88,11 @@ pub struct RunConfig {
     pub preset: Preset,
     /// Seed of all random numbers.
     pub seed: u64,
-    /// How strongly training is bound to the synergy. With 1, the policy ends inside the control synergy, with 0 it stays
+    /// How far training confines the policy to its synergy. With 1, the policy ends inside the control synergy, with 0 it stays
     /// free; it is also the weight of `synergy.penalty` (paper, section 2.2).
     pub lambda: f64,
+    /// What the policy commands.
+    pub action_space: ActionSpace,
     /// Training episodes.
     pub episodes: u64,
     /// Names of the objects, drawn uniformly.
@@ -184,6 +187,9 @@ pub struct SynergyConfig {
     pub start_after: usize,
     /// Penalty on the reward of a success.
     pub penalty: Penalty,
+    /// The synergy in which the policy acts if `action_space` is `synergy`: a run, an export or a synergy file; otherwise
+    /// empty.
+    pub file: String,
     /// Newest motions (successes without noise) to whose commands the control synergy is fitted. The policy is confined
     /// to it once there are as many.
     pub motions: usize,

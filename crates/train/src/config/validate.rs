@@ -4,6 +4,7 @@ use eigenhand_rl::RlError;
 use eigenhand_sim::SimError;
 
 use super::error::InvalidSetting;
+use crate::action_space::ActionSpace;
 use super::{RunConfig, SCHEMA};
 
 /// Largest weight of the feedback; its square does not overflow in single precision.
@@ -72,6 +73,9 @@ impl RunConfig {
         let needed = format!("0 or a number above {least} (the larger of synergy.components and synergy.start_after)");
         expect(covers, "synergy.window", needed, s.window)
             .map_err(|error| related(error, &["synergy.components", "synergy.start_after"]))?;
+        let named = (self.action_space == ActionSpace::Synergy) == !s.file.is_empty();
+        expect(named, "synergy.file", "a synergy exactly where action_space = synergy", format!("{:?}", s.file))
+            .map_err(|error| related(error, &["action_space"]))?;
         positive("synergy.motions", s.motions as u64)?;
         let [from, to] = s.anneal;
         let rising = (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to);

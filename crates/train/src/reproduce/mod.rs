@@ -54,7 +54,7 @@ pub enum State {
 pub struct Member {
     /// `l<lambda>-s<seed>`.
     pub name: String,
-    /// Weight of the synergy's feedback.
+    /// How far the policy is confined to its synergy.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
