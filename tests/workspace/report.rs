@@ -14,6 +14,17 @@ fn trained(lambda: f64, seed: u64) -> Run {
     run
 }
 
+/// Trains tiny runs until one succeeds often enough for an analysis of its grasps.
+fn analysed() -> Run {
+    let train = |seed: u64| {
+        let run = Run::new(gripper());
+        run.train(&tiny(&["lambda=1", "episodes=48", &format!("seed={seed}")]));
+        run
+    };
+    let is_analysed = |run: &Run| read(run).unwrap()[0].summary.as_ref().unwrap().content.is_some();
+    (8..28).map(train).find(is_analysed).expect("one of twenty runs succeeds often enough")
+}
+
 fn read(run: &Run) -> Result<Vec<eigenhand_report::Run>, ReportError> {
     read_runs(std::slice::from_ref(&run.path))
 }
@@ -65,6 +76,27 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
         assert_eq!(row[5], "2");
     }
 
+    // The first figure is success against the numbers that command the hand: the median over the runs of a lambda.
+    let first = page.split_once("<figure").unwrap().1;
+    assert!(first.contains("aria-label=\"Success against how many numbers command the hand\""));
+    let plotted = rows(&out.path().join("figures/success-numbers.csv"));
+    assert_eq!(plotted[0], ["lambda", "numbers", "median", "min", "max", "n_runs"]);
+    let summaries: Vec<_> = runs.iter().map(|run| run.summary.as_ref().unwrap()).collect();
+    for row in plotted.iter().skip(1).filter(|row| row[0] == "0" && row[5] == "2") {
+        let of = |i: usize| match row[1].as_str() {
+            "all" => summaries[i].success_rate.unwrap(),
+            k => summaries[i].success_with_components[k.parse::<usize>().unwrap()],
+        };
+        assert!((row[2].parse::<f64>().unwrap() - (of(0) + of(1)) / 2.0).abs() < 1e-12, "{row:?}");
+    }
+    for lambda in &report.analysis.lambdas {
+        let found = lambda.few_numbers.as_ref().unwrap();
+        let measured =
+            |s: &&&eigenhand_train::Summary| s.lambda == lambda.lambda && !s.success_with_components.is_empty();
+        assert_eq!(found.n_runs, summaries.iter().filter(measured).count());
+        assert!(report.analysis.statements.contains(&found.statement));
+    }
+
     // One row for each run, with the values of its summary.
     let table = rows(&out.path().join("runs.csv"));
     assert_eq!(
@@ -105,7 +137,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
 
 #[test]
 fn one_run_and_an_unfinished_one_are_worth_a_report() {
-    let run = trained(1.0, 1);
+    let run = analysed();
     let runs = read(&run).unwrap();
     let summary = runs[0].summary.clone().unwrap();
     let mean = runs[0].errors.iter().sum::<f64>() / runs[0].errors.len() as f64;
@@ -116,12 +148,29 @@ fn one_run_and_an_unfinished_one_are_worth_a_report() {
     assert_eq!(runs[0].errors.len(), (summary.n_postures as usize).min(tiny(&[]).synergy.window));
     let report = write(&runs, &run.path.join("report")).unwrap();
     assert!(report.analysis.notes.is_empty() && report.analysis.differences.is_empty());
-    assert!(report.analysis.statements[0].contains("in one run"), "{:?}", report.analysis.statements);
+    let statements = &report.analysis.statements;
+    assert!(statements[0].starts_with("With ") && statements[0].contains("(one run)"), "{statements:?}");
+    assert!(statements[1].contains("in one run"), "{statements:?}");
+    let content = summary.content.as_ref().unwrap();
+    assert_eq!(report.analysis.lambdas[0].content["total_variance"].median, content.total_variance);
+    assert!(text(&report.page).contains("What the grasps hold"));
+
+    // An earlier version wrote no such numbers: the report says so, and shows the rest.
+    let mut earlier: serde_json::Value = serde_json::from_slice(&run.bytes("summary.json")).unwrap();
+    for key in ["components", "success_with_components", "k_for_95", "content", "mean_self_penetration_m"] {
+        earlier.as_object_mut().unwrap().remove(key).unwrap();
+    }
+    std::fs::write(run.file("summary.json"), earlier.to_string()).unwrap();
+    let report = write(&read(&run).unwrap(), &run.path.join("report")).unwrap();
+    assert!(report.analysis.notes[0].contains("was trained by an earlier version"), "{:?}", report.analysis.notes);
+    assert!(report.analysis.runs[0].success_rate.is_some() && report.analysis.lambdas[0].few_numbers.is_none());
+    assert!(!report.directory.join("figures/success-numbers.svg").exists());
+    assert!(!text(&report.page).contains("What the grasps hold"));
 
     std::fs::remove_file(run.file("summary.json")).unwrap();
     let analysis = analyse(&read(&run).unwrap());
     assert_eq!(analysis.runs[0].state, "unfinished");
-    assert!(analysis.notes[0].contains("is not finished (24 of 24"), "{:?}", analysis.notes);
+    assert!(analysis.notes[0].contains("is not finished (48 of 48"), "{:?}", analysis.notes);
     assert!(analysis.lambdas[0].quantities.is_empty() && analysis.statements.is_empty());
 
     // A run that has just begun gives no report.

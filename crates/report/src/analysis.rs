@@ -4,6 +4,8 @@ use std::collections::BTreeMap;
 
 use eigenhand_train::{MetricsRow, wilson_interval};
 
+use crate::content::NUMBERS;
+use crate::few_numbers::FewNumbers;
 use crate::records::{
     Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord, objects,
 };
@@ -30,6 +32,8 @@ pub fn analyse(runs: &[Run]) -> Analysis {
             lambda: *lambda,
             n_runs: records.iter().filter(|run| run.lambda == *lambda).count(),
             n_complete: groups[i].len(),
+            few_numbers: FewNumbers::of(*lambda, i, &groups),
+            content: BTreeMap::new(),
             quantities: bootstraps.iter().filter_map(|(q, b)| Some((q.key(), b.estimate(i)?))).collect(),
             contribution: Vec::new(),
             objects: BTreeMap::new(),
@@ -41,15 +45,27 @@ pub fn analyse(runs: &[Run]) -> Analysis {
         let bootstrap = over(&groups, |run| run.contribution.get(component).copied());
         summary.iter_mut().enumerate().for_each(|(i, l)| l.contribution.extend(bootstrap.estimate(i)));
     }
+    for number in &NUMBERS {
+        let bootstrap = over(&groups, |run| (number.of)(run.content.as_ref()?));
+        summary.iter_mut().enumerate().for_each(|(i, l)| {
+            l.content.extend(bootstrap.estimate(i).map(|estimate| (number.key, estimate)));
+        });
+    }
     for object in objects(&records) {
         let bootstrap = over(&groups, |run| run.success_rate_per_object.get(&object).copied());
         summary.iter_mut().enumerate().for_each(|(i, l)| {
             l.objects.extend(bootstrap.estimate(i).map(|estimate| (object.clone(), estimate)));
         });
     }
+    let components = components(&records);
+    let compared: Vec<(Quantity, Bootstrap)> = Quantity::COMPARED
+        .into_iter()
+        .filter(|quantity| !quantity.is_repeated(components))
+        .map(|quantity| (quantity, over(&groups, |run| quantity.of(run))))
+        .collect();
     let mut differences = Vec::new();
     for (i, lambda) in lambdas.iter().enumerate().skip(1) {
-        for (quantity, bootstrap) in bootstraps.iter().filter(|(q, _)| Quantity::COMPARED.contains(q)) {
+        for (quantity, bootstrap) in &compared {
             let Some(contrast) = bootstrap.contrast(0, i) else { continue };
             let n = |group: usize| groups[group].iter().filter(|run| quantity.of(run).is_some()).count();
             let mut record = DifferenceRecord {
@@ -61,13 +77,14 @@ pub fn analyse(runs: &[Run]) -> Analysis {
                 verdict: contrast.verdict(),
                 statement: String::new(),
             };
-            record.statement = statements::difference(&record);
+            record.statement = statements::difference(&record, components);
             differences.push(record);
         }
     }
     let mut analysis = Analysis {
         schema: SCHEMA,
         hand: runs.first().map(|run| run.provenance.hand.clone()).unwrap_or_default(),
+        components,
         runs: records,
         lambdas: summary,
         differences,
@@ -99,12 +116,17 @@ impl RunRecord {
                 .and_then(|s| (s.eval_episodes > 0).then_some(wilson_interval(s.eval_successes?, s.eval_episodes))),
             eval_episodes: result.map_or(0, |s| s.eval_episodes),
             success_rate_per_object: result.map(|s| s.success_rate_per_object.clone()).unwrap_or_default(),
+            components: run.components,
+            success_with_components: result.map(|s| s.success_with_components.clone()).unwrap_or_default(),
+            k_for_95: result.and_then(|s| s.k_for_95),
             contribution: summary.map(|s| s.contribution.clone()).unwrap_or_default(),
             contribution_sum: summary.map_or_else(|| last(|row| row.contribution_sum), |s| s.contribution_sum),
             contribution_change: contribution_change(run),
             mean_error_rad: summary.and_then(|s| s.mean_error_rad),
             n_postures: summary.map(|s| s.n_postures).or(last(|row| row.n_postures).map(|n| n as u64)).unwrap_or(0),
             mean_penetration_m: result.and_then(|s| s.mean_penetration_m),
+            mean_self_penetration_m: result.and_then(|s| s.mean_self_penetration_m),
+            content: result.and_then(|s| s.content.clone()),
             policy_episode: result.map(|s| s.policy_episode),
             reached: LEVELS.iter().map(|level| reached(run, *level)).collect(),
         }
@@ -128,8 +150,14 @@ impl LevelRecord {
     }
 }
 
-fn over(groups: &[Vec<&RunRecord>], value: impl Fn(&RunRecord) -> Option<f64>) -> Bootstrap {
+pub(crate) fn over(groups: &[Vec<&RunRecord>], value: impl Fn(&RunRecord) -> Option<f64>) -> Bootstrap {
     Bootstrap::new(groups.iter().map(|group| group.iter().filter_map(|run| value(run)).collect()).collect())
+}
+
+/// Returns the configured number of components, if all runs agree.
+fn components(runs: &[RunRecord]) -> Option<usize> {
+    let first = runs.first()?.components;
+    runs.iter().all(|run| run.components == first).then_some(first)
 }
 
 /// Returns the lambdas, ascending.

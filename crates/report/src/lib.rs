@@ -3,9 +3,13 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod content;
 mod curves;
 mod error;
+mod few_numbers;
 mod figures;
+#[cfg(test)]
+mod made_up;
 mod page;
 mod permutation;
 mod records;
@@ -18,6 +22,7 @@ mod write;
 pub use analysis::analyse;
 pub use curves::{Band, BandPoint};
 pub use error::ReportError;
+pub use few_numbers::FewNumbers;
 pub use permutation::Permutation;
 pub use records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord};
 pub use run::{Run, read_runs};

@@ -1,13 +1,16 @@
 //! The page: one file with everything in it.
 
+mod content;
+mod few_numbers;
+
 use eigenhand_train::config::Settings;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
-use crate::figures::Figure;
+use crate::figures::{FEW_NUMBERS, Figure};
 use crate::permutation::MOST_RELABELLINGS;
 use crate::records::{Analysis, DifferenceRecord, LEVELS, Quantity, RunRecord};
 use crate::run::Run;
-use crate::statements::{differing_settings, probability};
+use crate::statements::{counted, differing_settings, probability};
 use crate::stats::{Estimate, FEWEST, RESAMPLES, SIGNIFICANT, Verdict};
 
 const STYLE: &str = include_str!("page.css");
@@ -32,12 +35,15 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
                         div.notes { ul { @for note in &analysis.notes { li { (note) } } } }
                     }
                     h2 { "Results" }
+                    @for figure in figures.iter().filter(|figure| figure.name == FEW_NUMBERS) { (drawing(figure)) }
                     @if analysis.statements.is_empty() { p { "No run is complete yet." } }
                     ul { @for statement in &analysis.statements { li { (statement) } } }
+                    (few_numbers::table(analysis))
                     (lambda_table(analysis))
                     (differences_table(analysis))
+                    (content::section(analysis))
                     h2 { "Figures" }
-                    @for figure in figures { (drawing(figure)) }
+                    @for figure in figures.iter().filter(|figure| figure.name != FEW_NUMBERS) { (drawing(figure)) }
                     (objects_table(analysis))
                     (levels_table(analysis))
                     h2 { "Runs" }
@@ -110,23 +116,34 @@ fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
 }
 
 /// Returns the name with its unit, the factor from the files' unit, and the number of digits.
-fn quantity(quantity: Quantity) -> (&'static str, f64, usize) {
-    match quantity {
+fn quantity(quantity: Quantity, components: Option<usize>) -> (String, f64, usize) {
+    let (name, factor, digits) = match quantity {
         Quantity::SuccessRate => ("final success (%)", 100.0, 1),
+        Quantity::SuccessWithComponents => return (configured(components), 100.0, 1),
+        Quantity::SuccessWithOne => ("success with 1 number (%)", 100.0, 1),
+        Quantity::SuccessWithTwo => ("success with 2 numbers (%)", 100.0, 1),
         Quantity::ContributionSum => ("sum of contribution rates (%)", 100.0, 1),
         Quantity::ContributionChange => ("change of that sum along training (points)", 100.0, 1),
         Quantity::MeanErrorRad => ("mean approximation error (rad)", 1.0, 3),
         Quantity::NPostures => ("postures", 1.0, 0),
         Quantity::MeanPenetrationM => ("mean penetration (mm)", 1000.0, 2),
+        Quantity::MeanSelfPenetrationM => ("mean penetration within the hand (mm)", 1000.0, 2),
         Quantity::WallS => ("wall time (min)", 1.0 / 60.0, 1),
-    }
+    };
+    (name.to_owned(), factor, digits)
+}
+
+/// `success with 5 numbers (%)`, or without the number if the runs do not agree.
+fn configured(components: Option<usize>) -> String {
+    let numbers = components.map_or_else(|| "the configured components".to_owned(), |k| counted(k, "number"));
+    format!("success with {numbers} (%)")
 }
 
 fn lambda_table(analysis: &Analysis) -> Markup {
     let rows =
         |which: Quantity| {
-            let (name, factor, digits) = quantity(which);
-            let mut row = vec![name.to_owned()];
+            let (name, factor, digits) = quantity(which, analysis.components);
+            let mut row = vec![name];
             for lambda in &analysis.lambdas {
                 let found = lambda.quantities.get(which.key());
                 row.push(estimate(found, factor, digits));
@@ -174,12 +191,12 @@ fn differences_table(analysis: &Analysis) -> Markup {
         "supported",
     ]);
     let row = |record: &DifferenceRecord| {
-        let (name, factor, digits) = quantity(record.quantity);
+        let (name, factor, digits) = quantity(record.quantity, analysis.components);
         let number = |value: f64| format!("{:+.digits$}", factor * value);
         let interval = record.contrast.interval;
         let excludes = record.contrast.excludes_zero().map(|excludes| if excludes { "yes" } else { "no" });
         vec![
-            name.to_owned(),
+            name,
             record.baseline.to_string(),
             record.lambda.to_string(),
             number(record.contrast.difference),
@@ -255,9 +272,10 @@ fn levels_table(analysis: &Analysis) -> Markup {
 }
 
 fn runs_table(analysis: &Analysis) -> Markup {
-    let mut header =
-        words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % interval (%)", "sum of contribution (%)"]);
-    header.extend(words(&["mean error (rad)", "postures", "episodes", "wall time (min)"]));
+    let mut header = words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % interval (%)"]);
+    header.push(configured(analysis.components));
+    header.push("numbers within 5 points".to_owned());
+    header.extend(words(&["sum of contribution (%)", "mean error (rad)", "postures", "episodes", "wall time (min)"]));
     header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
     let row = |run: &RunRecord| {
         let interval = run.success_interval.map(|[low, high]| format!("{:.1} to {:.1}", 100.0 * low, 100.0 * high));
@@ -268,6 +286,8 @@ fn runs_table(analysis: &Analysis) -> Markup {
             run.state.to_owned(),
             number(run.success_rate, 100.0, 1),
             interval.unwrap_or_else(|| "-".to_owned()),
+            number(Quantity::SuccessWithComponents.of(run), 100.0, 1),
+            run.k_for_95.map_or_else(|| "-".to_owned(), |k| k.to_string()),
             number(run.contribution_sum, 100.0, 1),
             number(run.mean_error_rad, 1.0, 3),
             run.n_postures.to_string(),

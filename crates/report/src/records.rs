@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use eigenhand_synergy::Content;
 use serde::Serialize;
 
+use crate::few_numbers::FewNumbers;
 use crate::stats::{Contrast, Estimate, Verdict};
 
 /// Success rates for which a report says when a run first reached them.
@@ -16,6 +18,8 @@ pub struct Analysis {
     pub schema: u32,
     /// Name of the hand.
     pub hand: String,
+    /// Components of the synergies as configured, if all runs agree.
+    pub components: Option<usize>,
     /// Every run, by lambda and seed.
     pub runs: Vec<RunRecord>,
     /// The results over the runs of each lambda.
@@ -51,6 +55,12 @@ pub struct RunRecord {
     pub eval_episodes: u64,
     /// Success rate with each object, in that evaluation.
     pub success_rate_per_object: BTreeMap<String, f64>,
+    /// Components of the synergies, as configured.
+    pub components: usize,
+    /// Success rate in that evaluation when 0, 1, 2... numbers command the hand; empty if not measured.
+    pub success_with_components: Vec<f64>,
+    /// The fewest numbers whose success is within 5 points of all joints.
+    pub k_for_95: Option<usize>,
     /// Contribution rate of each component.
     pub contribution: Vec<f64>,
     /// Sum of the contribution rates.
@@ -63,6 +73,10 @@ pub struct RunRecord {
     pub n_postures: u64,
     /// Mean penetration in the final evaluation's successes, in m.
     pub mean_penetration_m: Option<f64>,
+    /// The same between two geoms of the hand.
+    pub mean_self_penetration_m: Option<f64>,
+    /// What that evaluation's grasps hold; none if an earlier version trained the run, or if its success is too low.
+    pub content: Option<Content>,
     /// Training episodes before the run's policy.
     pub policy_episode: Option<u64>,
     /// First evaluation that reached each of [`LEVELS`].
@@ -89,6 +103,10 @@ pub struct LambdaRecord {
     pub n_complete: usize,
     /// Estimates, by the name of the quantity.
     pub quantities: BTreeMap<&'static str, Estimate>,
+    /// Success when few numbers command the hand; none if no run measured it.
+    pub few_numbers: Option<FewNumbers>,
+    /// Numbers of what the grasps hold, by their names in [`Content`].
+    pub content: BTreeMap<&'static str, Estimate>,
     /// Contribution rate of each component.
     pub contribution: Vec<Estimate>,
     /// Success rate for each object.
@@ -132,10 +150,16 @@ pub struct DifferenceRecord {
 
 /// A quantity that is estimated over the complete runs of a lambda.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[serde(into = "&'static str")]
 pub enum Quantity {
     /// Success rate of the final evaluation.
     SuccessRate,
+    /// Success rate of the same episodes when as many numbers as configured command the hand.
+    SuccessWithComponents,
+    /// The same with one number.
+    SuccessWithOne,
+    /// The same with two numbers.
+    SuccessWithTwo,
     /// Sum of the contribution rates.
     ContributionSum,
     /// Change of that sum along training.
@@ -146,49 +170,84 @@ pub enum Quantity {
     NPostures,
     /// Mean penetration.
     MeanPenetrationM,
+    /// Mean penetration between geoms of the hand.
+    MeanSelfPenetrationM,
     /// Wall time.
     WallS,
 }
 
 impl Quantity {
-    /// All quantities.
-    pub const ALL: [Quantity; 7] = [
+    /// Quantities that are estimated for each lambda; the success with each number is in [`FewNumbers`].
+    pub const ALL: [Quantity; 9] = [
         Quantity::SuccessRate,
+        Quantity::SuccessWithComponents,
         Quantity::ContributionSum,
         Quantity::ContributionChange,
         Quantity::MeanErrorRad,
         Quantity::NPostures,
         Quantity::MeanPenetrationM,
+        Quantity::MeanSelfPenetrationM,
         Quantity::WallS,
     ];
     /// Quantities in which lambdas are compared.
-    pub const COMPARED: [Quantity; 4] =
-        [Quantity::SuccessRate, Quantity::ContributionSum, Quantity::ContributionChange, Quantity::MeanErrorRad];
+    pub const COMPARED: [Quantity; 7] = [
+        Quantity::SuccessRate,
+        Quantity::SuccessWithComponents,
+        Quantity::SuccessWithOne,
+        Quantity::SuccessWithTwo,
+        Quantity::ContributionSum,
+        Quantity::ContributionChange,
+        Quantity::MeanErrorRad,
+    ];
 
     /// Returns the name in files.
     pub fn key(self) -> &'static str {
         match self {
             Quantity::SuccessRate => "success_rate",
+            Quantity::SuccessWithComponents => "success_with_components",
+            Quantity::SuccessWithOne => "success_with_1",
+            Quantity::SuccessWithTwo => "success_with_2",
             Quantity::ContributionSum => "contribution_sum",
             Quantity::ContributionChange => "contribution_change",
             Quantity::MeanErrorRad => "mean_error_rad",
             Quantity::NPostures => "n_postures",
             Quantity::MeanPenetrationM => "mean_penetration_m",
+            Quantity::MeanSelfPenetrationM => "mean_self_penetration_m",
             Quantity::WallS => "wall_s",
+        }
+    }
+
+    /// Tells whether the quantity is success with the configured components under another name.
+    pub fn is_repeated(self, components: Option<usize>) -> bool {
+        match self {
+            Quantity::SuccessWithOne => components == Some(1),
+            Quantity::SuccessWithTwo => components == Some(2),
+            _ => false,
         }
     }
 
     /// Returns a run's value.
     pub fn of(self, run: &RunRecord) -> Option<f64> {
+        let with = |k: usize| run.success_with_components.get(k).copied();
         match self {
             Quantity::SuccessRate => run.success_rate,
+            Quantity::SuccessWithComponents => with(run.components),
+            Quantity::SuccessWithOne => with(1),
+            Quantity::SuccessWithTwo => with(2),
             Quantity::ContributionSum => run.contribution_sum,
             Quantity::ContributionChange => run.contribution_change,
             Quantity::MeanErrorRad => run.mean_error_rad,
             Quantity::NPostures => Some(run.n_postures as f64),
             Quantity::MeanPenetrationM => run.mean_penetration_m,
+            Quantity::MeanSelfPenetrationM => run.mean_self_penetration_m,
             Quantity::WallS => run.wall_s,
         }
+    }
+}
+
+impl From<Quantity> for &'static str {
+    fn from(quantity: Quantity) -> &'static str {
+        quantity.key()
     }
 }
 

@@ -34,6 +34,8 @@ pub struct Run {
     pub provenance: Provenance,
     /// Its results; none before it has ended or was interrupted.
     pub summary: Option<Summary>,
+    /// Whether an earlier version trained the run, so that its results lack success with few numbers.
+    pub is_earlier: bool,
     /// Its evaluations during training.
     pub metrics: Vec<MetricsRow>,
     /// Approximation error of every posture that its synergy covers, ascending.
@@ -49,7 +51,7 @@ impl Run {
         let settings = read_settings(path)?;
         let episodes = setting(path, &settings, "episodes")?;
         let components = setting(path, &settings, "synergy.components")?;
-        let summary = Summary::read(path)?;
+        let (summary, is_earlier) = read_summary(path, components)?;
         let metrics = read_metrics(path)?;
         let complete = summary.as_ref().is_some_and(Summary::is_complete);
         if complete && metrics.is_empty() && episodes >= setting::<u64>(path, &settings, "evaluation.every")? {
@@ -73,6 +75,7 @@ impl Run {
             start_after: setting(path, &settings, "synergy.start_after")?,
             settings,
             summary,
+            is_earlier,
             metrics,
             errors,
         })
@@ -92,6 +95,24 @@ impl Run {
     ) -> Vec<(f64, f64)> {
         self.metrics.iter().filter_map(|row| x(row).zip(y(row))).collect()
     }
+}
+
+/// Reads the results of a run, and tells whether an earlier version wrote them.
+fn read_summary(run: &Path, components: usize) -> Result<(Option<Summary>, bool), TrainError> {
+    match Summary::read(run) {
+        Err(error) => earlier_summary(run, components).map(|summary| (Some(summary), true)).ok_or(error),
+        Ok(summary) => Ok((summary, false)),
+    }
+}
+
+/// Reads results that lack success with few numbers and are otherwise sound.
+fn earlier_summary(run: &Path, components: usize) -> Option<Summary> {
+    let text = std::fs::read_to_string(run.join("summary.json")).ok()?;
+    let mut value: serde_json::Value = serde_json::from_str(&text).ok()?;
+    let keys = value.as_object_mut()?;
+    keys.entry("components").or_insert_with(|| components.into());
+    keys.entry("success_with_components").or_insert_with(|| Vec::<f64>::new().into());
+    serde_json::from_value(value).ok()
 }
 
 fn setting<T: std::str::FromStr>(run: &Path, settings: &Settings, key: &str) -> Result<T, TrainError> {

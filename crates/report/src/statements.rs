@@ -14,24 +14,31 @@ const FEW: usize = 10;
 
 /// Name and number format of a quantity.
 struct Words {
-    name: &'static str,
+    name: String,
     unit: &'static str,
     factor: f64,
     digits: usize,
 }
 
 impl Words {
-    fn of(quantity: Quantity) -> Words {
+    fn of(quantity: Quantity, components: Option<usize>) -> Words {
+        let configured = components
+            .map_or_else(|| "the configured components".to_owned(), |components| counted(components, "number"));
+        let configured = format!("success with {configured}");
         let (name, unit, factor, digits) = match quantity {
             Quantity::SuccessRate => ("final success", "%", 100.0, 1),
+            Quantity::SuccessWithComponents => (configured.as_str(), "%", 100.0, 1),
+            Quantity::SuccessWithOne => ("success with 1 number", "%", 100.0, 1),
+            Quantity::SuccessWithTwo => ("success with 2 numbers", "%", 100.0, 1),
             Quantity::ContributionSum => ("the sum of the contribution rates", "%", 100.0, 1),
             Quantity::ContributionChange => ("the change of that sum along training", "points", 100.0, 1),
             Quantity::MeanErrorRad => ("the mean approximation error", "rad", 1.0, 3),
             Quantity::NPostures => ("the number of postures", "", 1.0, 0),
             Quantity::MeanPenetrationM => ("the mean penetration", "mm", 1000.0, 2),
+            Quantity::MeanSelfPenetrationM => ("the mean penetration within the hand", "mm", 1000.0, 2),
             Quantity::WallS => ("wall time", "min", 1.0 / 60.0, 1),
         };
-        Words { name, unit, factor, digits }
+        Words { name: name.to_owned(), unit, factor, digits }
     }
 
     fn number(&self, value: f64) -> String {
@@ -51,9 +58,10 @@ impl Words {
     }
 }
 
-/// Says which conclusion a difference between two lambdas supports.
-pub fn difference(record: &DifferenceRecord) -> String {
-    let words = Words::of(record.quantity);
+/// Says which conclusion a difference between two lambdas supports; `components` is the number that all runs have
+/// configured.
+pub fn difference(record: &DifferenceRecord, components: Option<usize>) -> String {
+    let words = Words::of(record.quantity, components);
     let DifferenceRecord { baseline, lambda, contrast, n_runs: [n_baseline, n], .. } = record;
     let size = format!("{} {}", words.signed(contrast.difference), words.unit_of_difference());
     let head = format!(
@@ -116,7 +124,9 @@ pub fn probability(p: f64) -> String {
 
 /// Describes the results of each lambda, and the differences between lambdas.
 pub fn all(analysis: &Analysis) -> Vec<String> {
-    let mut sentences: Vec<String> = analysis.lambdas.iter().filter_map(level).collect();
+    let few_numbers = |lambda: &LambdaRecord| Some(lambda.few_numbers.as_ref()?.statement.clone());
+    let mut sentences: Vec<String> = analysis.lambdas.iter().filter_map(few_numbers).collect();
+    sentences.extend(analysis.lambdas.iter().filter_map(level));
     sentences.extend(analysis.lambdas.iter().filter_map(|lambda| trend(analysis, lambda)));
     sentences.extend(analysis.differences.iter().map(|record| record.statement.clone()));
     let few = |lambda: &LambdaRecord| (FEWEST..FEW).contains(&lambda.n_complete);
@@ -130,7 +140,7 @@ pub fn all(analysis: &Analysis) -> Vec<String> {
 }
 
 fn level(lambda: &LambdaRecord) -> Option<String> {
-    let words = Words::of(Quantity::SuccessRate);
+    let words = Words::of(Quantity::SuccessRate, None);
     let estimate = lambda.quantities.get(Quantity::SuccessRate.key())?;
     let value = words.number(estimate.iqm);
     let head = format!("With lambda {}, final success is {value} %", lambda.lambda);
@@ -168,7 +178,7 @@ fn trend(analysis: &Analysis, lambda: &LambdaRecord) -> Option<String> {
         (0, _) => format!("falls in all {n} runs"),
         _ => format!("rises in {rising} and falls in {falling} of {n} runs"),
     };
-    let words = Words::of(Quantity::ContributionChange);
+    let words = Words::of(Quantity::ContributionChange, None);
     let change = words.signed(lambda.quantities.get(Quantity::ContributionChange.key())?.iqm);
     Some(format!(
         "With lambda {}, the sum of the contribution rates {direction} from the first evaluation with enough postures for \
@@ -189,6 +199,7 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
             run.name, run.episodes
         ));
     }
+    notes.extend(without_few_numbers(runs));
     let mut twins: BTreeMap<(String, u64), Vec<&str>> = BTreeMap::new();
     for run in runs {
         twins.entry((run.lambda.to_string(), run.seed)).or_default().push(&run.name);
@@ -217,6 +228,34 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
         values.dedup();
         if values.len() > 1 {
             notes.push(format!("The runs were made with {} different {what}.", values.len()));
+        }
+    }
+    notes
+}
+
+/// Names the complete runs without success with few numbers, or without an account of their grasps.
+fn without_few_numbers(runs: &[Run]) -> Vec<String> {
+    let mut notes = Vec::new();
+    for run in runs {
+        let Some(result) = run.result() else { continue };
+        let name = &run.name;
+        if run.is_earlier {
+            notes.push(format!(
+                "{name} was trained by an earlier version of this program, without success with few numbers: everything on \
+                 few numbers and on what the grasps hold leaves it out."
+            ));
+            continue;
+        }
+        if result.success_with_components.is_empty() {
+            notes.push(format!(
+                "{name} has no success with few numbers, because it has too few successes for a control synergy: \
+                 everything on few numbers leaves it out."
+            ));
+        }
+        if result.content.is_none() {
+            notes.push(format!(
+                "{name} has too little success to say what its grasps hold: everything on that leaves it out."
+            ));
         }
     }
     notes
@@ -253,7 +292,7 @@ mod tests {
     fn statement(difference: f64, (interval, difference_of_means, p, least_p): Numbers) -> String {
         let permutation = Permutation { difference_of_means, p, least_p, n_relabellings: 252, exact: true };
         let contrast = Contrast { difference, interval, permutation };
-        super::difference(&DifferenceRecord {
+        let record = DifferenceRecord {
             quantity: Quantity::SuccessRate,
             baseline: 0.0,
             lambda: 0.5,
@@ -261,7 +300,8 @@ mod tests {
             contrast,
             verdict: contrast.verdict(),
             statement: String::new(),
-        })
+        };
+        super::difference(&record, None)
     }
 
     #[test]

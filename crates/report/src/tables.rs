@@ -1,6 +1,7 @@
 //! The CSV files of a report: one with a row for each run, one with a row for each quantity of each lambda.
 
 use crate::ReportError;
+use crate::content::NUMBERS;
 use crate::records::{Analysis, LEVELS, RunRecord};
 use crate::stats::Estimate;
 
@@ -15,6 +16,7 @@ pub const LAMBDAS: &str = "lambdas.csv";
 /// [`ReportError::Draw`].
 pub fn runs(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
     let n_components = analysis.runs.iter().map(|run| run.contribution.len()).max().unwrap_or(0);
+    let n_few = analysis.runs.iter().map(|run| run.success_with_components.len()).max().unwrap_or(0);
     let objects = analysis.objects();
     let mut header: Vec<String> = [
         "lambda",
@@ -33,10 +35,15 @@ pub fn runs(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
         "contribution_change",
         "mean_penetration_m",
         "policy_episode",
+        "components",
+        "k_for_95",
+        "mean_self_penetration_m",
     ]
     .map(str::to_owned)
     .to_vec();
     header.extend((1..=n_components).map(|i| format!("contribution_{i}")));
+    header.extend((0..n_few).map(|k| format!("success_with_{k}")));
+    header.extend(NUMBERS.iter().map(|number| format!("content_{}", number.key)));
     header.extend(objects.iter().map(|object| format!("success_rate_{object}")));
     for level in LEVELS {
         let percent = 100.0 * level;
@@ -61,8 +68,13 @@ pub fn runs(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
             number(run.contribution_change),
             number(run.mean_penetration_m),
             run.policy_episode.map(|episode| episode.to_string()).unwrap_or_default(),
+            run.components.to_string(),
+            run.k_for_95.map(|k| k.to_string()).unwrap_or_default(),
+            number(run.mean_self_penetration_m),
         ];
         row.extend((0..n_components).map(|i| number(run.contribution.get(i).copied())));
+        row.extend((0..n_few).map(|k| number(run.success_with_components.get(k).copied())));
+        row.extend(NUMBERS.iter().map(|held| number(run.content.as_ref().and_then(held.of))));
         row.extend(objects.iter().map(|object| number(run.success_rate_per_object.get(object).copied())));
         for reached in &run.reached {
             row.extend([number(reached.map(|r| r.episodes)), number(reached.map(|r| r.wall_s))]);
@@ -89,6 +101,9 @@ pub fn lambdas(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
         };
         lambda.quantities.iter().for_each(|(quantity, estimate)| add(quantity, estimate));
         lambda.contribution.iter().enumerate().for_each(|(i, e)| add(&format!("contribution_{}", i + 1), e));
+        let few_numbers = lambda.few_numbers.iter().flat_map(|few| few.success.iter().enumerate());
+        few_numbers.for_each(|(k, e)| add(&format!("success_with_{k}"), e));
+        lambda.content.iter().for_each(|(key, e)| add(&format!("content_{key}"), e));
         lambda.objects.iter().for_each(|(object, e)| add(&format!("success_rate_{object}"), e));
     }
     write(LAMBDAS, &header.map(str::to_owned), rows)

@@ -7,7 +7,7 @@ use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
 use plotters::drawing::{DrawingArea, DrawingAreaErrorKind, IntoDrawingArea};
-use plotters::element::{Circle, PathElement, Polygon, Rectangle};
+use plotters::element::{Circle, DashedPathElement, PathElement, Polygon, Rectangle};
 use plotters::prelude::{Cartesian2d, SVGBackend};
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{Color, FontStyle, IntoFont, RGBColor, ShapeStyle, TextStyle, register_font};
@@ -182,6 +182,13 @@ pub enum Key {
     Series(usize),
     /// The line of success.
     Ink,
+    /// A dashed line of any series.
+    Dashed,
+}
+
+/// Makes a dashed line.
+pub fn dashed<P: Clone>(points: Vec<P>, style: ShapeStyle) -> DashedPathElement<std::vec::IntoIter<P>, u32> {
+    DashedPathElement::new(points, fine(6.0), fine(4.0), style)
 }
 
 /// Writes a title and a legend below it, and returns the rest of the area.
@@ -207,6 +214,7 @@ pub fn head<'a>(area: &Area<'a>, title: &str, entries: &[(Key, String)]) -> Draw
                 area.draw(&Rectangle::new([at(x + 5.0, y - 6.0), at(x + 17.0, y + 6.0)], color.filled()))?;
             }
             Key::Ink => area.draw(&PathElement::new(vec![from, to], INK.stroke_width(fine(2.2))))?,
+            Key::Dashed => area.draw(&dashed(vec![from, to], INK.stroke_width(fine(1.6))))?,
             Key::Series(i) => {
                 area.draw(&PathElement::new(vec![from, to], series_color(*i).stroke_width(fine(2.0))))?;
                 marker(area, *i, at(x + KEY / 2.0, y), 4.5, true)?;

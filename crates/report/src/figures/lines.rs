@@ -4,7 +4,7 @@ use eigenhand_train::MetricsRow;
 use plotters::element::{PathElement, Polygon};
 use plotters::style::Color;
 
-use super::canvas::{Area, Axes, Drawn, Key, draw, fine, head, marker, round_up, series_color};
+use super::canvas::{Area, Axes, Drawn, Key, dashed, draw, fine, head, marker, round_up, series_color};
 use super::{Cell, Figure, Group, csv};
 use crate::ReportError;
 use crate::curves::Band;
@@ -30,6 +30,8 @@ struct Plot {
     x: Number,
     y_name: &'static str,
     y: Number,
+    /// A second number, drawn as a dashed line.
+    beside: Option<Beside>,
     /// Factors from the files' units to those of the axes.
     scale: (f64, f64),
     y_digits: usize,
@@ -37,6 +39,15 @@ struct Plot {
     top: Option<f64>,
     /// Whether each point of a curve has a mark.
     marked: bool,
+}
+
+/// A second number of a figure.
+struct Beside {
+    y: Number,
+    /// Names of the first and of the second number in the figure's table.
+    columns: [&'static str; 2],
+    /// Name of the second number in the legend.
+    label: &'static str,
 }
 
 const BAND: &str = "Line: median over the runs; band: from the lowest run to the highest.";
@@ -52,6 +63,7 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
         x: |row| Some(row.episode as f64),
         y_name,
         y,
+        beside: None,
         scale: (1.0, scale),
         y_digits,
         top,
@@ -61,6 +73,24 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     let success: Number = |row| row.success_rate;
     let plots = [
         along("success-episodes", "Success along training", "success rate (%)", success, 100.0, 0, rate),
+        Plot {
+            caption: "Solid line: success when the configured number of components commands the hand; band: from the lowest \
+                      run to the highest. Dashed line: success with all joints. Both are medians over the runs.",
+            beside: Some(Beside {
+                y: success,
+                columns: ["success_with_components", "success_rate"],
+                label: "with all joints",
+            }),
+            ..along(
+                "success-components",
+                "Success with the configured components along training",
+                "success rate (%)",
+                |row| row.success_with_components,
+                100.0,
+                0,
+                rate,
+            )
+        },
         Plot {
             x_name: "wall time (min)",
             x_column: "wall_s",
@@ -90,11 +120,20 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     ];
     let mut figures = Vec::new();
     for plot in &plots {
-        let band = |group: &Group<'_>| {
-            let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve(plot.x, plot.y)).collect();
+        let band = |group: &Group<'_>, y: Number| {
+            let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve(plot.x, y)).collect();
             if plot.marked { Band::at_common_points(&curves) } else { Band::interpolated(&curves) }
         };
-        figures.extend(plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>())?);
+        let bands = |y: Number| groups.iter().map(|group| band(group, y)).collect::<Vec<_>>();
+        let first = bands(plot.y);
+        let mut beside = plot.beside.as_ref().map(|beside| bands(beside.y)).unwrap_or_default();
+        // A lambda without the first number would have no entry in the legend.
+        beside
+            .iter_mut()
+            .zip(&first)
+            .filter(|(_, band)| band.points.is_empty())
+            .for_each(|(b, _)| *b = Band::default());
+        figures.extend(plot.figure(groups, &first, &beside)?);
     }
     figures.extend(distribution(groups)?);
     Ok(figures)
@@ -126,45 +165,60 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
         x: |_| None,
         y_name: "share of postures (%)",
         y: |_| None,
+        beside: None,
         scale: (1.0, 100.0),
         y_digits: 0,
         top: Some(100.0),
         marked: false,
     };
-    plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>())
+    plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>(), &[])
 }
 
 impl Plot {
-    /// Draws the bands of the lambdas; returns no figure if there is no point.
-    fn figure(&self, groups: &[Group<'_>], bands: &[Band]) -> Result<Option<Figure>, ReportError> {
+    /// Draws the bands of the lambdas, and dashed lines through the bands `beside`; returns no figure if there is no
+    /// point.
+    fn figure(&self, groups: &[Group<'_>], bands: &[Band], beside: &[Band]) -> Result<Option<Figure>, ReportError> {
         if bands.iter().all(|band| band.points.is_empty()) {
             return Ok(None);
         }
-        let rows = groups.iter().zip(bands).flat_map(|(group, band)| {
-            band.points.iter().map(|p| {
-                vec![group.lambda.into(), p.x.into(), p.median.into(), p.min.into(), p.max.into(), Cell::from(p.n_runs)]
-            })
-        });
-        let header = ["lambda", self.x_column, "median", "min", "max", "n_runs"];
+        let columns = self.beside.as_ref().map(|beside| beside.columns);
+        let mut header = vec!["lambda", self.x_column, "median", "min", "max", "n_runs"];
+        if columns.is_some() {
+            header.insert(1, "quantity");
+        }
+        let mut rows: Vec<Vec<Cell>> = Vec::new();
+        for (i, bands) in [bands, beside].into_iter().enumerate() {
+            for (group, band) in groups.iter().zip(bands) {
+                rows.extend(band.points.iter().map(|p| {
+                    let numbers = [group.lambda, p.x, p.median, p.min, p.max, p.n_runs as f64];
+                    let mut row: Vec<Cell> = numbers.map(Cell::from).into();
+                    if let Some(columns) = columns {
+                        row.insert(1, Cell::Text(columns[i].to_owned()));
+                    }
+                    row
+                }));
+            }
+        }
         Ok(Some(Figure {
             csv: csv(self.name, &header, rows)?,
-            svg: draw(self.name, SIZE, |area| self.draw(area, groups, bands))?,
+            svg: draw(self.name, SIZE, |area| self.draw(area, groups, bands, beside))?,
             name: self.name.to_owned(),
             title: self.title.to_owned(),
             caption: self.caption.to_owned(),
         }))
     }
 
-    fn draw(&self, area: &Area<'_>, groups: &[Group<'_>], bands: &[Band]) -> Drawn {
-        let entries: Vec<(Key, String)> = groups
+    fn draw(&self, area: &Area<'_>, groups: &[Group<'_>], bands: &[Band], beside: &[Band]) -> Drawn {
+        let mut entries: Vec<(Key, String)> = groups
             .iter()
             .enumerate()
             .filter(|(i, _)| !bands[*i].points.is_empty())
             .map(|(i, group)| (Key::Series(i), group.label()))
             .collect();
+        entries.extend(self.beside.iter().map(|beside| (Key::Dashed, beside.label.to_owned())));
         let rest = head(area, self.title, &entries)?;
         let (sx, sy) = self.scale;
-        let end = bands.iter().filter_map(Band::end).fold(0.0, f64::max) * sx;
+        let end = bands.iter().chain(beside).filter_map(Band::end).fold(0.0, f64::max) * sx;
         let top = bands.iter().flat_map(|band| &band.points).map(|p| p.max).fold(0.0, f64::max) * sy;
         let fraction = end < 10.0;
         let axes = Axes {
@@ -181,6 +235,10 @@ impl Plot {
             let upper = band.points.iter().map(|p| (p.x * sx, p.max * sy));
             let lower = band.points.iter().rev().map(|p| (p.x * sx, p.min * sy));
             plot.draw(&Polygon::new(upper.chain(lower).collect::<Vec<_>>(), series_color(i).mix(0.18)))?;
+        }
+        for (i, band) in beside.iter().enumerate() {
+            let line: Vec<(f64, f64)> = band.points.iter().map(|p| (p.x * sx, p.median * sy)).collect();
+            plot.draw(&dashed(line, series_color(i).stroke_width(fine(1.6))))?;
         }
         for (i, band) in bands.iter().enumerate() {
             let line: Vec<(f64, f64)> = band.points.iter().map(|p| (p.x * sx, p.median * sy)).collect();

@@ -2,6 +2,7 @@
 
 mod canvas;
 mod contribution;
+mod few_numbers;
 mod lines;
 mod points;
 
@@ -12,6 +13,7 @@ use crate::records::Analysis;
 use crate::run::Run;
 
 pub use canvas::render_png;
+pub use few_numbers::NAME as FEW_NUMBERS;
 
 /// A figure.
 #[derive(Clone, Debug)]
@@ -54,7 +56,8 @@ pub(crate) fn label(lambda: f64, n_runs: usize) -> String {
 /// [`ReportError::Draw`].
 pub fn all(runs: &[Run], analysis: &Analysis) -> Result<Vec<Figure>, ReportError> {
     let groups = groups(runs);
-    let mut figures = contribution::figures(&groups)?;
+    let mut figures: Vec<Figure> = few_numbers::figure(analysis)?.into_iter().collect();
+    figures.extend(contribution::figures(&groups)?);
     figures.extend(lines::figures(&groups)?);
     figures.extend(points::figures(analysis)?);
     Ok(figures)

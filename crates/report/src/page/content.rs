@@ -1,0 +1,47 @@
+//! What the grasps hold.
+
+use maud::{Markup, html};
+
+use super::{number, table};
+use crate::content::{NUMBERS, Number};
+use crate::records::Analysis;
+use crate::statements::counted;
+
+/// One row for each number of what the grasps hold.
+pub fn section(analysis: &Analysis) -> Markup {
+    if analysis.lambdas.iter().all(|lambda| lambda.content.is_empty()) {
+        return html! {};
+    }
+    let mut header = vec![String::new()];
+    for lambda in &analysis.lambdas {
+        let n = lambda.content.get(NUMBERS[0].key).map_or(0, |estimate| estimate.n);
+        header.push(format!("\u{3bb} = {}, {}", lambda.lambda, counted(n, "run")));
+        header.push("lowest to highest".to_owned());
+    }
+    let row = |held: &Number| {
+        let mut row = vec![held.name.to_owned()];
+        for lambda in &analysis.lambdas {
+            let found = lambda.content.get(held.key);
+            let digits = held.digits;
+            row.push(number(found.map(|e| e.median), held.factor, digits));
+            row.push(found.map_or_else(String::new, |e| {
+                format!("{:.digits$} to {:.digits$}", held.factor * e.min, held.factor * e.max)
+            }));
+        }
+        row
+    };
+    html! {
+        h2 { "What the grasps hold" }
+        p {
+            "A high contribution rate says little of postures that hardly vary, because one posture would then do as well. "
+            "The total variance and the share between objects tell how much the components have to express."
+        }
+        (table(&header, &NUMBERS.iter().map(row).collect::<Vec<_>>()))
+        p.soft { "Median over the complete runs that have these numbers." }
+        ul { @for held in &NUMBERS { li { strong { (without_unit(held.name)) } ": " (held.meaning) } } }
+    }
+}
+
+fn without_unit(name: &str) -> &str {
+    name.split_once(" (").map_or(name, |(name, _)| name)
+}
