@@ -246,5 +246,6 @@ pub fn job(policy: &Policy, behaviour: &Behaviour, index: u64) -> EpisodeJob {
         policy: policy.clone(),
         behaviour: behaviour.clone(),
         confinement: None,
+        disturbance: None,
     }
 }

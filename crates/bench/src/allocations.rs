@@ -125,6 +125,7 @@ fn of_episodes(
         policy: learner.policy(ActorChoice::Online),
         behaviour: Behaviour::Explore(noisy.into()),
         confinement: None,
+        disturbance: None,
     };
     let mut scratch = job.policy.scratch();
     run_episode(&mut env, &mut scratch, &job)?;

@@ -2,30 +2,36 @@
 
 use std::path::PathBuf;
 
-use eigenhand_train::{Assessment, Driven, Drive, FinishedRun};
+use eigenhand_train::{Assessment, Drive, Driven, FinishedRun, Stress, StressRow};
 
 use crate::output::{Outcome, percent, print, print_json, table};
 use crate::{search_path, setup};
 
 const EPISODES: u64 = 200;
+/// Episodes of each row of `--stress`.
+const STRESS_EPISODES: u64 = 70;
 
 /// Measures the success rate of a run's policy, without exploration and on new episodes
 #[derive(clap::Args)]
 #[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
     eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.friction=[0.8,0.8]'\n  \
-    eigenhand eval runs/shadow-default-l1-s1-1 --objects unseen")]
+    eigenhand eval runs/shadow-default-l1-s1-1 --objects unseen\n  \
+    eigenhand eval runs/shadow-default-l1-s1-1 --stress")]
 pub struct Args {
     /// Run directory
     run: PathBuf,
-    /// Number of episodes; the objects take turns
-    #[arg(long, value_name = "N", default_value_t = EPISODES, value_parser = clap::value_parser!(u64).range(1..))]
-    episodes: u64,
+    /// Number of episodes; the objects take turns [default: 200; with --stress 70 for each row]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    episodes: Option<u64>,
     /// Seed of the episodes
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
     /// Measures success with so many numbers instead of all joints, for example 0..8
     #[arg(long, value_name = "FROM..TO", value_parser = parse_range)]
     components: Option<(usize, usize)>,
+    /// Measures what the grasps endure: the same episodes with less friction, a heavier object, a push and more
+    #[arg(long, conflicts_with = "components")]
+    stress: bool,
     /// First steps of an episode in which all joints are free
     #[arg(long, value_name = "N", default_value_t = 0, requires = "components")]
     free_steps: usize,
@@ -56,17 +62,32 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let hands = search_path(&args.plugins);
         setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &changes))?
     };
+    let episodes = args.episodes.unwrap_or(if args.stress { STRESS_EPISODES } else { EPISODES });
     let workers = eigenhand_train::config::worker_count(args.workers);
     if !args.json {
         let hand = &run.hand.manifest.name;
         eprintln!(
             "evaluating the hand {hand} of {} on {} new episodes, seed {}{}{}",
             args.run.display(),
-            args.episodes,
+            episodes,
             args.seed,
             if changes.is_empty() { "" } else { ", with " },
             changes.join(", ")
         );
+    }
+    if args.stress {
+        let progress = |row: &StressRow| {
+            if !args.json {
+                eprintln!("{}: {}", name_of(row), percent(row.success_rate));
+            }
+        };
+        let found = run.stress(episodes, args.seed, workers, progress)?;
+        if args.json {
+            print_json(&found)?
+        } else {
+            print(&describe_stress(&found))?
+        }
+        return Ok(Outcome::Done);
     }
     if let Some((from, to)) = args.components {
         let progress = |row: &Driven| {
@@ -74,11 +95,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 eprintln!("with {} numbers: {}", row.components, percent(row.success_rate));
             }
         };
-        let found = run.drive(from..=to, args.free_steps, args.episodes, args.seed, workers, progress)?;
-        if args.json { print_json(&found)? } else { print(&describe_driven(&found))? }
+        let found = run.drive(from..=to, args.free_steps, episodes, args.seed, workers, progress)?;
+        if args.json {
+            print_json(&found)?
+        } else {
+            print(&describe_driven(&found))?
+        }
         return Ok(Outcome::Done);
     }
-    let found = run.evaluate(args.episodes, args.seed, workers)?;
+    let found = run.evaluate(episodes, args.seed, workers)?;
     if args.json {
         print_json(&found)?
     } else {
@@ -140,6 +165,20 @@ fn describe_driven(found: &Drive) -> String {
         None => {}
     }
     text
+}
+
+fn describe_stress(found: &Stress) -> String {
+    let mut rows = vec![["changed", "success", "95 % interval"].map(str::to_owned).to_vec()];
+    for row in &found.rows {
+        let [low, high] = row.interval;
+        let interval = format!("{:.1} to {:.1} %", 100.0 * low, 100.0 * high);
+        rows.push(vec![name_of(row), percent(row.success_rate), interval]);
+    }
+    table(&rows)
+}
+
+fn name_of(row: &StressRow) -> String {
+    format!("{} {}", row.group, row.change).trim_end().to_owned()
 }
 
 fn parse_range(text: &str) -> Result<(usize, usize), String> {

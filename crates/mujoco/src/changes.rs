@@ -7,7 +7,13 @@ use std::sync::Arc;
 use crate::bindings::mjModel;
 use crate::data::slice_of_mut;
 use crate::model::slice_of;
-use crate::{BodyId, Data, GeomId, Model, MuJoCoError};
+use crate::{ActuatorId, BodyId, Data, GeomId, Model, MuJoCoError};
+
+/// Numbers of an actuator's gain, and of its bias: mjNGAIN and mjNBIAS of mjmodel.h.
+const PARAMETERS: usize = 10;
+/// The last kinds of gain and of bias that are linear in their parameters: mjGAIN_AFFINE and mjBIAS_AFFINE of mjmodel.h.
+/// Muscles and a user's own actuators follow.
+const AFFINE: i32 = 1;
 
 impl Model {
     /// Copies the model.
@@ -43,9 +49,9 @@ impl Data {
     pub fn change_model(&mut self, change: impl FnOnce(&mut ModelChanges<'_>)) -> Result<(), MuJoCoError> {
         let original = self.original.as_ref().ok_or(MuJoCoError::SharedModel)?;
         let model = Arc::get_mut(&mut self.model).ok_or(MuJoCoError::SharedModel)?;
-        let mut changes = ModelChanges { model, original, lengths: false };
+        let mut changes = ModelChanges { model, original, constants: false };
         change(&mut changes);
-        if changes.lengths {
+        if changes.constants {
             // SAFETY: the data belongs to the model, which nothing else holds.
             unsafe { (self.model.library.api.mj_setConst)(self.model.raw.as_ptr(), self.raw.as_ptr()) }
         }
@@ -59,8 +65,8 @@ pub struct ModelChanges<'a> {
     model: &'a mut Model,
     /// The model as it was compiled.
     original: &'a Model,
-    /// Whether a length has changed.
-    lengths: bool,
+    /// Whether a length or a mass has changed.
+    constants: bool,
 }
 
 impl ModelChanges<'_> {
@@ -75,24 +81,41 @@ impl ModelChanges<'_> {
         all[3 * id.0..3 * id.0 + 3].copy_from_slice(&friction);
     }
 
-    /// Sets every length of a body's geoms and of its mass distribution to `factor` times that of the compiled model.
-    /// The mass stays.
+    /// Sets every length of a body's geoms and of its mass distribution to `length` times that of the compiled model, and
+    /// its mass to `mass` times.
     ///
     /// The body's place in its parent stays too. A mesh changes for every geom that uses it.
     ///
     /// # Panics
     /// If the id is of another model that has more bodies.
-    pub fn scale_body(&mut self, id: BodyId, factor: f64) {
+    pub fn scale_body(&mut self, id: BodyId, length: f64, mass: f64) {
         let three = |index: usize| 3 * index..3 * index + 3;
-        self.scale(|m| (m.body_ipos, 3 * m.nbody), three(id.0), factor);
-        self.scale(|m| (m.body_inertia, 3 * m.nbody), three(id.0), factor * factor);
+        self.scale(|m| (m.body_mass, m.nbody), id.0..id.0 + 1, mass);
+        self.scale(|m| (m.body_ipos, 3 * m.nbody), three(id.0), length);
+        self.scale(|m| (m.body_inertia, 3 * m.nbody), three(id.0), length * length * mass);
         for geom in self.original.geoms().filter(|&geom| self.original.geom_body(geom) == id) {
-            self.scale(|m| (m.geom_pos, 3 * m.ngeom), three(geom.0), factor);
-            self.scale(|m| (m.geom_size, 3 * m.ngeom), three(geom.0), factor);
-            self.scale(|m| (m.geom_rbound, m.ngeom), geom.0..geom.0 + 1, factor);
-            self.scale(|m| (m.mesh_vert, 3 * m.nmeshvert), self.original.mesh_range(geom), factor);
+            self.scale(|m| (m.geom_pos, 3 * m.ngeom), three(geom.0), length);
+            self.scale(|m| (m.geom_size, 3 * m.ngeom), three(geom.0), length);
+            self.scale(|m| (m.geom_rbound, m.ngeom), geom.0..geom.0 + 1, length);
+            self.scale(|m| (m.mesh_vert, 3 * m.nmeshvert), self.original.mesh_range(geom), length);
         }
-        self.lengths = true;
+        self.constants = true;
+    }
+
+    /// Sets gain and bias of an actuator to `factor` times those of the compiled model: a servo answers the same command
+    /// with `factor` times the force. Its limits stay. A muscle does not change.
+    ///
+    /// # Panics
+    /// If the id is of another model that has more actuators.
+    pub fn scale_actuator(&mut self, id: ActuatorId, factor: f64) {
+        let raw = self.original.get();
+        let part = PARAMETERS * id.0..PARAMETERS * (id.0 + 1);
+        if self.original.ints(raw.actuator_gaintype, raw.nu)[id.0] <= AFFINE {
+            self.scale(|m| (m.actuator_gainprm, PARAMETERS as i32 * m.nu), part.clone(), factor);
+        }
+        if self.original.ints(raw.actuator_biastype, raw.nu)[id.0] <= AFFINE {
+            self.scale(|m| (m.actuator_biasprm, PARAMETERS as i32 * m.nu), part, factor);
+        }
     }
 
     /// Sets a part of an array to `factor` times that of the compiled model.
@@ -162,7 +185,7 @@ mod tests {
         for (factor, friction) in [(1.3, 0.2), (0.7, 0.6), (1.3, 0.2)] {
             data.change_model(|model| {
                 model.set_friction(geom, [friction, 0.01, 0.001]);
-                model.scale_body(body, factor);
+                model.scale_body(body, factor, 1.0);
             })
             .expect("its own model");
             let compiled = model(factor, friction);
@@ -176,6 +199,74 @@ mod tests {
         assert_eq!(ends[0], ends[2]);
         assert_ne!(ends[0], ends[1]);
         assert_eq!(original.principal_inertia(body), model(1.0, 0.9).principal_inertia(body), "the original stays");
+    }
+
+    #[test]
+    fn a_push_moves_a_free_body_as_newton_says() {
+        let original = model(1.0, 0.9);
+        let body = original.body("thing").expect("named");
+        let mut data = Data::of_own_model(&original).expect("memory");
+        for mass in [1.0, 2.0] {
+            data.change_model(|model| model.scale_body(body, 1.0, mass)).expect("its own model");
+            let kilograms = data.model().body_mass(body);
+            assert!((kilograms - 0.1 * mass).abs() < 1e-12, "{kilograms} kg");
+            data.qpos_mut()[2] = 1.0;
+            let force = [0.3, -0.4, 0.0];
+            data.set_force(body, force);
+            let steps = 50;
+            (0..steps).for_each(|_| data.step());
+            let time = data.time();
+            for (axis, force) in force.iter().take(2).enumerate() {
+                let speed = force * time / kilograms;
+                assert!((data.qvel()[axis] - speed).abs() < 1e-9, "{} m/s, expected {speed}", data.qvel()[axis]);
+            }
+            let before = data.qvel()[0];
+            data.set_force(body, [0.0; 3]);
+            data.step();
+            assert!((data.qvel()[0] - before).abs() < 1e-12, "nothing pushes any more");
+        }
+        data.set_force(body, [1.0; 3]);
+        data.reset();
+        data.step();
+        assert_eq!(data.qvel()[0], 0.0, "a reset ends the push");
+    }
+
+    #[test]
+    fn a_heavier_body_is_not_lifted_by_the_weight_of_a_light_one() {
+        let original = model(1.0, 0.9);
+        let body = original.body("thing").expect("named");
+        let mut data = Data::of_own_model(&original).expect("memory");
+        let mut rise = |mass: f64| {
+            data.change_model(|model| model.scale_body(body, 1.0, mass)).expect("its own model");
+            data.qpos_mut()[2] = 0.01;
+            (0..200).for_each(|_| data.step());
+            let rest = data.qpos()[2];
+            data.set_force(body, [0.0, 0.0, 1.5 * 0.1 * 9.81]);
+            (0..100).for_each(|_| data.step());
+            data.qpos()[2] - rest
+        };
+        let heights = [1.0, 2.0, 1.0].map(&mut rise);
+        assert!(heights[0] > 0.05 && heights[1].abs() < 1e-3, "{heights:?}");
+        assert_eq!(heights[0], heights[2]);
+    }
+
+    #[test]
+    fn a_stiffer_servo_answers_the_same_command_with_more_force() {
+        let xml = "<mujoco><option gravity='0 0 0'/><worldbody><body><joint name='turn'/><geom size='0.1' mass='1'/></body>\
+                   </worldbody><actuator><position name='servo' joint='turn' kp='2'/></actuator></mujoco>";
+        let library = MuJoCo::load().unwrap_or_else(|error| panic!("{error}"));
+        let original = Arc::new(Model::from_xml(&library, xml, &[]).expect("a sound model"));
+        let servo = original.actuator("servo").expect("named");
+        let mut data = Data::of_own_model(&original).expect("memory");
+        let mut speed = |factor: f64| {
+            data.change_model(|model| model.scale_actuator(servo, factor)).expect("its own model");
+            data.qpos_mut()[0] = 0.3;
+            data.ctrl_mut()[0] = 0.5;
+            data.step();
+            data.qvel()[0]
+        };
+        let [own, soft, stiff] = [1.0, 0.7, 1.3].map(&mut speed);
+        assert!(own > 0.0 && (soft / own - 0.7).abs() < 1e-9 && (stiff / own - 1.3).abs() < 1e-9);
     }
 
     #[test]

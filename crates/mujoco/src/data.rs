@@ -157,6 +157,19 @@ impl Data {
         unsafe { slice_of_mut(self.get().ctrl, self.model.nu()) }
     }
 
+    /// Sets the force that acts at a body's centre of mass in every step, until it is set again or the simulation is reset.
+    ///
+    /// # Units
+    /// N, along the axes of the world.
+    ///
+    /// # Panics
+    /// If the id is of another model that has more bodies.
+    pub fn set_force(&mut self, id: BodyId, force: [f64; 3]) {
+        // SAFETY: xfrc_applied holds three forces and three torques for each body, and `&mut self` excludes other views.
+        let all = unsafe { slice_of_mut(self.get().xfrc_applied, 6 * self.model.nbody()) };
+        all[6 * id.0..6 * id.0 + 3].copy_from_slice(&force);
+    }
+
     /// Returns a body's position in the world, in m.
     pub fn body_position(&self, id: BodyId) -> Vector3<f64> {
         // SAFETY: xpos holds three numbers for each body.

@@ -9,7 +9,7 @@ use crate::SimError;
 use crate::reward::StepFacts;
 use crate::scene::OBJECT_GEOM;
 use crate::self_contacts::deepest;
-use crate::setting::{Orientation, middle};
+use crate::setting::{Factors, Orientation, middle};
 use crate::task::{Addresses, GraspTask, ObjectScene};
 use eigenhand_mujoco::{Data, Model, WarningCounts};
 
@@ -22,8 +22,10 @@ pub struct GraspEnv {
     simulations: Vec<Data>,
     /// For each scene, a simulation of its object alone on the plane.
     resting: Vec<Data>,
-    /// Whether size and friction are drawn; then each simulation has a model of its own.
+    /// Whether size and friction are drawn.
     draws: bool,
+    /// Whether each simulation has a model of its own, because something in it is drawn or has a factor.
+    changes: bool,
     current: usize,
     drawn: Drawn,
     step: usize,
@@ -59,12 +61,14 @@ impl GraspEnv {
     }
 
     fn with(task: &Arc<GraspTask>, draws: bool) -> Result<GraspEnv, SimError> {
-        let data = |model: &Arc<Model>| if draws { Data::of_own_model(model) } else { Data::new(model) };
+        let changes = draws || task.factors != Factors::NONE;
+        let data = |model: &Arc<Model>| if changes { Data::of_own_model(model) } else { Data::new(model) };
         Ok(GraspEnv {
             task: Arc::clone(task),
             simulations: task.scenes.iter().map(|scene| data(&scene.model)).collect::<Result<_, _>>()?,
             resting: task.scenes.iter().map(|scene| data(scene.resting())).collect::<Result<_, _>>()?,
             draws,
+            changes,
             current: 0,
             drawn: Drawn { scale: middle(task.config.object_scale), friction: middle(task.physics.friction) },
             step: 0,
@@ -94,8 +98,8 @@ impl GraspEnv {
     /// to the random place above which it was dropped, and the open hand is set to the slide's start.
     ///
     /// # Errors
-    /// [`SimError::Diverged`] when the simulation diverges during the drop. [`SimError::MuJoCo`] when size or friction
-    /// is drawn while something else holds the model of [`simulation`](Self::simulation).
+    /// [`SimError::Diverged`] when the simulation diverges during the drop. [`SimError::MuJoCo`] when the model changes
+    /// while something else holds that of [`simulation`](Self::simulation).
     pub fn reset<R: Rng + ?Sized>(&mut self, index: usize, rng: &mut R) -> Result<(), SimError> {
         let task = Arc::clone(&self.task);
         let scene = &task.scenes[index];
@@ -113,7 +117,7 @@ impl GraspEnv {
             self.drawn = Drawn { scale, friction: draw(task.physics.friction, rng) };
         }
         let relative = self.drawn.scale / middle(task.config.object_scale);
-        self.apply_draws(scene, relative)?;
+        self.change_models(scene, relative)?;
 
         let resting = &mut self.resting[index];
         let height = scene.object.shape.depth_below_centre(&orientation) * relative + DROP;
@@ -146,22 +150,29 @@ impl GraspEnv {
         Ok(())
     }
 
-    /// Resets both simulations of a scene, with the drawn size and friction of the object.
-    fn apply_draws(&mut self, scene: &ObjectScene, relative_scale: f64) -> Result<(), SimError> {
+    /// Resets both simulations of a scene, with the drawn size and friction of the object and the task's factors.
+    fn change_models(&mut self, scene: &ObjectScene, relative_scale: f64) -> Result<(), SimError> {
         let (data, resting) = (&mut self.simulations[self.current], &mut self.resting[self.current]);
-        if !self.draws {
+        if !self.changes {
             data.reset();
             resting.reset();
             return Ok(());
         }
         let friction = self.task.physics.friction_of(&scene.object, self.drawn.friction);
-        let vary = self.task.config.object_scale[0] < self.task.config.object_scale[1];
+        let Factors { mass, stiffness } = self.task.factors;
+        let [smallest, largest] = self.task.config.object_scale;
+        let slide = scene.addresses.slide_ctrl;
+        let vary = (self.draws && smallest < largest) || mass != 1.0;
         for (data, geom) in [(data, scene.object_geom()), (resting, scene.resting().geom(OBJECT_GEOM)?)] {
             let body = data.model().geom_body(geom);
+            let servos: Vec<_> = data.model().actuators().collect();
             data.change_model(|model| {
                 model.set_friction(geom, friction);
                 if vary {
-                    model.scale_body(body, relative_scale);
+                    model.scale_body(body, relative_scale, mass);
+                }
+                for &servo in servos.iter().filter(|servo| stiffness != 1.0 && servo.index() != slide) {
+                    model.scale_actuator(servo, stiffness);
                 }
             })?;
         }
@@ -188,6 +199,16 @@ impl GraspEnv {
         self.facts = read_facts(data, at);
     }
 
+    /// Sets the force that acts at the object's centre of mass, until it is set again or the next episode starts.
+    ///
+    /// # Units
+    /// N, along the axes of the world.
+    pub fn push_object(&mut self, force: [f64; 3]) {
+        let data = &mut self.simulations[self.current];
+        let body = data.model().geom_body(self.task.scenes[self.current].addresses.object);
+        data.set_force(body, force);
+    }
+
     /// Applies an action for one control period.
     ///
     /// # Errors
@@ -208,11 +229,33 @@ impl GraspEnv {
 
     /// Writes the observation; its layout is [`GraspTask::observation_layout`].
     pub fn observe(&self, observation: &mut [f32]) {
+        self.observe_at(self.object_pose(), observation);
+    }
+
+    /// Writes the observation with the object shifted, and turned about its own place. Nothing else changes, the
+    /// object's velocity included; the simulation does not see it.
+    ///
+    /// # Units
+    /// `shift` in m and `turn` in rad, a rotation vector; both along the axes of the world.
+    pub fn observe_displaced(&self, shift: [f64; 3], turn: [f64; 3], observation: &mut [f32]) {
+        let [x, y, z, qw, qx, qy, qz] = self.object_pose();
+        let [dx, dy, dz] = shift;
+        let turned = UnitQuaternion::new(Vector3::from(turn)).quaternion() * Quaternion::new(qw, qx, qy, qz);
+        self.observe_at([x + dx, y + dy, z + dz, turned.w, turned.i, turned.j, turned.k], observation);
+    }
+
+    /// Returns the object's position in m, and its orientation as w, x, y, z.
+    fn object_pose(&self) -> [f64; 7] {
+        let object = self.task.scenes[self.current].addresses.object_qpos;
+        std::array::from_fn(|i| self.simulation().qpos()[object + i])
+    }
+
+    fn observe_at(&self, pose: [f64; 7], observation: &mut [f32]) {
         let scene = &self.task.scenes[self.current];
         let at = &scene.addresses;
         let data = &self.simulations[self.current];
         let (qpos, qvel) = (data.qpos(), data.qvel());
-        let orientation = std::array::from_fn(|i| qpos[at.object_qpos + 3 + i]);
+        let orientation = std::array::from_fn(|i| pose[3 + i]);
         let relative = self.drawn.scale / middle(self.task.config.object_scale);
         let shape = self.task.config.observe_shape.then(|| scene.shape_along_axes(orientation).map(|h| h * relative));
         let values = at
@@ -220,7 +263,7 @@ impl GraspEnv {
             .iter()
             .map(|&i| qpos[i])
             .chain(at.posture_dof.iter().map(|&i| qvel[i]))
-            .chain(qpos[at.object_qpos..at.object_qpos + 7].iter().copied())
+            .chain(pose)
             .chain(qvel[at.object_dof..at.object_dof + 6].iter().copied())
             .chain(self.task.config.observe_id.then_some(scene.object.id as f64))
             .chain(shape.into_iter().flatten());

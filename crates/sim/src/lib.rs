@@ -18,5 +18,5 @@ pub use objects::{ConvexMesh, Object, ObjectSet, Shape};
 pub use physics::{Cone, PhysicsConfig};
 pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};
 pub use self_contacts::SelfContacts;
-pub use setting::{Orientation, Setting, TaskConfig};
+pub use setting::{Factors, Orientation, Setting, TaskConfig};
 pub use task::{GraspTask, ObjectScene, ObservationEntry};

@@ -86,6 +86,20 @@ impl TaskConfig {
     }
 }
 
+/// Factors on a compiled scene, for evaluations. No setting has them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Factors {
+    /// On the object's mass.
+    pub mass: f64,
+    /// On gain and bias of the hand's actuators, without the slide's; their limits stay.
+    pub stiffness: f64,
+}
+
+impl Factors {
+    /// The factors that change nothing.
+    pub const NONE: Factors = Factors { mass: 1.0, stiffness: 1.0 };
+}
+
 /// (lowest, highest) => the value in the middle, at which scenes are compiled.
 pub(crate) fn middle([low, high]: [f64; 2]) -> f64 {
     (low + high) / 2.0

@@ -12,7 +12,7 @@ use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
 use crate::self_contacts::SelfContacts;
-use crate::setting::{Setting, TaskConfig, middle};
+use crate::setting::{Factors, Setting, TaskConfig, middle};
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
 
 /// One entry of the observation.
@@ -83,6 +83,8 @@ pub struct GraspTask {
     pub physics: PhysicsConfig,
     /// Settings of success.
     pub reward: RewardConfig,
+    /// Factors on the compiled scenes, which environments apply; [`Factors::NONE`] in a new task.
+    pub factors: Factors,
     /// What lets the links of the hand collide with one another, with `physics.self_collision`.
     pub self_contacts: Option<SelfContacts>,
     /// One scene for each object, in the setting's order.
@@ -196,6 +198,7 @@ impl GraspTask {
             config,
             physics,
             reward,
+            factors: Factors::NONE,
             posture_joints: hand.posture.clone(),
             actuators,
             control_ranges,

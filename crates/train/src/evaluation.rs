@@ -140,15 +140,30 @@ pub(crate) fn simulate(
     confinement: Option<Confinement>,
 ) -> Result<Vec<Episode>, TrainError> {
     pool.submit(episodes.map(|index| EpisodeJob {
+        confinement: confinement.clone(),
+        ..evaluation_job(task, policy, seed, stream, index)
+    }))?;
+    pool.collect()
+}
+
+/// Returns an episode of an evaluation: the policy alone, and the objects take turns.
+pub(crate) fn evaluation_job(
+    task: &GraspTask,
+    policy: &Policy,
+    seed: u64,
+    stream: EvaluationStream,
+    index: u64,
+) -> EpisodeJob {
+    EpisodeJob {
         seed,
         stream: stream.name(),
         index,
         scene: Some((index % task.scenes.len() as u64) as usize),
         policy: policy.clone(),
         behaviour: Behaviour::Greedy,
-        confinement: confinement.clone(),
-    }))?;
-    pool.collect()
+        confinement: None,
+        disturbance: None,
+    }
 }
 
 /// Returns the result of evaluation episodes.

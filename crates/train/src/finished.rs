@@ -11,16 +11,16 @@ use eigenhand_rl::{Policy, TensorMap};
 use eigenhand_sim::{GraspEnv, GraspTask};
 use eigenhand_synergy::{PostureDatabase, Synergy, SynergyFile, newest};
 
+use crate::actuators::HandActuators;
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
-use crate::error::TrainError;
-use crate::actuators::HandActuators;
 use crate::control::control_space;
 use crate::drive::{Drive, Driven, Driver, is_nearly};
+use crate::error::TrainError;
 use crate::evaluation::{EvaluationStream, Tally, evaluate, simulate};
 use crate::hands::{check_digest, hand_named};
-use crate::products::{ControlProduct, POLICY, POLICY_TEXT, Products, SYNERGY, write_products};
 use crate::motion::motions;
+use crate::products::{ControlProduct, POLICY, POLICY_TEXT, Products, SYNERGY, write_products};
 use crate::provenance::Provenance;
 use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
@@ -134,7 +134,8 @@ impl FinishedRun {
         let Some(space) = control_space(&actuators.coordinates, &motions, actuators.coordinates.len())? else {
             return Err(TrainError::NoMotions { run: self.directory.clone() });
         };
-        let driver = Driver { task: &self.task, policy: &self.policy, actuators: &actuators, space: &space, free_steps };
+        let driver =
+            Driver { task: &self.task, policy: &self.policy, actuators: &actuators, space: &space, free_steps };
         let mut rows = Vec::new();
         for k in components.filter(|&k| k <= space.n_components()) {
             let row = driver.measure(&mut pool, k, seed, EvaluationStream::Separate, episodes, true)?;
@@ -171,6 +172,7 @@ impl FinishedRun {
                 policy: self.policy.clone(),
                 behaviour: Behaviour::Greedy,
                 confinement: None,
+                disturbance: None,
             };
             if run_episode(&mut env, &mut scratch, &job)?.success {
                 return Ok(Some(env));

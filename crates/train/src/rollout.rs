@@ -12,6 +12,7 @@ use eigenhand_synergy::Source;
 use rand::RngExt;
 
 use crate::error::TrainError;
+use crate::stress::{Disturbance, Disturbing};
 
 /// How the actions of an episode are chosen.
 #[derive(Clone)]
@@ -43,6 +44,8 @@ pub struct EpisodeJob {
     pub behaviour: Behaviour,
     /// A further map from the policy's actions to those that are executed.
     pub confinement: Option<Confinement>,
+    /// What disturbs the episode.
+    pub disturbance: Option<Disturbance>,
 }
 
 /// A map from actions to actions that are executed in their place.
@@ -160,7 +163,8 @@ fn play(
     env.reset(scene, env_rng)?;
     let goal = env.desired_goal();
     data.desired_goal.copy_from_slice(&goal);
-    env.observe(&mut data.observations[..obs_dim]);
+    let mut disturbing = Disturbing::begin(job, &task);
+    disturbing.observe(env, &mut data.observations[..obs_dim]);
     data.achieved_goals[..goal_dim].copy_from_slice(&env.achieved_goal());
     let mut succeeded_in_a_row = 0;
     for t in 0..n_steps {
@@ -173,8 +177,9 @@ fn play(
         }
         let action = &mut data.actions[t * act_dim..(t + 1) * act_dim];
         action.iter_mut().zip(&*command).for_each(|(a, c)| *a = c.clamp(-1.0, 1.0));
+        disturbing.act(env, t, action);
         let facts = env.step(action)?;
-        env.observe(&mut data.observations[(t + 1) * obs_dim..(t + 2) * obs_dim]);
+        disturbing.observe(env, &mut data.observations[(t + 1) * obs_dim..(t + 2) * obs_dim]);
         let achieved = env.achieved_goal();
         data.achieved_goals[(t + 1) * goal_dim..(t + 2) * goal_dim].copy_from_slice(&achieved);
         data.facts[t * fact_dim..(t + 1) * fact_dim].copy_from_slice(&facts.to_array());

@@ -205,6 +205,7 @@ impl Trainer {
             policy: policy.clone(),
             behaviour: behaviour(index),
             confinement: None,
+            disturbance: None,
         });
         self.pool.submit(jobs)?;
         Ok(last)
