@@ -161,10 +161,16 @@ fn one_run_and_an_unfinished_one_are_worth_a_report() {
         earlier.as_object_mut().unwrap().remove(key).unwrap();
     }
     std::fs::write(run.file("summary.json"), earlier.to_string()).unwrap();
+    let mut database = run.bytes("postures.sqlite");
+    // Where SQLite keeps the version of a file's tables.
+    database[60..64].copy_from_slice(&1_u32.to_be_bytes());
+    std::fs::write(run.file("postures.sqlite"), database).unwrap();
     let report = write(&read(&run).unwrap(), &run.path.join("report")).unwrap();
     assert!(report.analysis.notes[0].contains("was trained by an earlier version"), "{:?}", report.analysis.notes);
     assert!(report.analysis.runs[0].success_rate.is_some() && report.analysis.lambdas[0].few_numbers.is_none());
-    assert!(!report.directory.join("figures/success-numbers.svg").exists());
+    for figure in ["success-numbers", "error-distribution"] {
+        assert!(!report.directory.join(format!("figures/{figure}.svg")).exists());
+    }
     assert!(!text(&report.page).contains("What the grasps hold"));
 
     std::fs::remove_file(run.file("summary.json")).unwrap();

@@ -34,11 +34,12 @@ pub struct Run {
     pub provenance: Provenance,
     /// Its results; none before it has ended or was interrupted.
     pub summary: Option<Summary>,
-    /// Whether an earlier version trained the run, so that its results lack success with few numbers.
+    /// Whether an earlier version trained the run, so that its results lack success with few numbers, or its postures
+    /// cannot be read.
     pub is_earlier: bool,
     /// Its evaluations during training.
     pub metrics: Vec<MetricsRow>,
-    /// Approximation error of every posture that its synergy covers, ascending.
+    /// Approximation error of every posture that its synergy covers, ascending; empty if an earlier version stored them.
     pub errors: Vec<f64>,
 }
 
@@ -61,8 +62,11 @@ impl Run {
                 mend: "restore this file, or leave the run out of the report".to_owned(),
             }));
         }
-        let errors = errors(&path.join(DATABASE), components, setting(path, &settings, "synergy.window")?)
-            .map_err(TrainError::from)?;
+        let window = setting(path, &settings, "synergy.window")?;
+        let (errors, is_earlier) = match errors(&path.join(DATABASE), components, window) {
+            Err(error) if is_of_earlier_version(&error) => (Vec::new(), true),
+            errors => (errors.map_err(TrainError::from)?, is_earlier),
+        };
         let name = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         Ok(Run {
             name: name.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned(),
@@ -167,6 +171,15 @@ fn check_hands(runs: &[Run]) -> Result<(), ReportError> {
             second_run: second.path.clone(),
             second: second.provenance.hand.clone(),
         }),
+    }
+}
+
+/// Tells whether a file cannot be read because an earlier version wrote it.
+fn is_of_earlier_version(error: &SynergyError) -> bool {
+    match error {
+        SynergyError::InFile { source, .. } => is_of_earlier_version(source),
+        SynergyError::Schema { expected, got, .. } => got < expected,
+        _ => false,
     }
 }
 

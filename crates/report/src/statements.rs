@@ -240,9 +240,11 @@ fn without_few_numbers(runs: &[Run]) -> Vec<String> {
         let Some(result) = run.result() else { continue };
         let name = &run.name;
         if run.is_earlier {
+            let errors =
+                if run.errors.is_empty() { ", and so does the distribution of the approximation error" } else { "" };
             notes.push(format!(
                 "{name} was trained by an earlier version of this program, without success with few numbers: everything on \
-                 few numbers and on what the grasps hold leaves it out."
+                 few numbers and on what the grasps hold leaves it out{errors}."
             ));
             continue;
         }
