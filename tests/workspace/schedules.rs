@@ -1,8 +1,8 @@
 //! What changes in the course of training, and how long random actions are held: measured in what a training leaves behind.
 
 use eigenhand_rl::{ActorChoice, Ddpg, Dimensions, EpisodeData, TensorMap};
-use eigenhand_train::episode_shape;
 use eigenhand_train::config::RunConfig;
+use eigenhand_train::episode_shape;
 
 use crate::support::{Run, gripper, task, tiny};
 

@@ -155,7 +155,8 @@ impl Run {
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let run = RunDirectory::create(Some(&self.path), config, &provenance).unwrap();
         let task = task(config, &self.hand);
-        let assignment = Assignment { config: config.clone(), provenance, hand: self.hand.clone(), task, space: None, run };
+        let assignment =
+            Assignment { config: config.clone(), provenance, hand: self.hand.clone(), task, space: None, run };
         Trainer::create(assignment)?.run(stop, progress)
     }
 

@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use eigenhand_rl::{
-    Batch, Ddpg, DdpgConfig, Dimensions, EpisodeData, EpisodeShape, HerConfig, Mlp, OutputActivation, Replay, RewardFn, rng,
-    sample_batch,
+    Batch, Ddpg, DdpgConfig, Dimensions, EpisodeData, EpisodeShape, HerConfig, Mlp, OutputActivation, Replay, RewardFn,
+    rng, sample_batch,
 };
 use eigenhand_sim::StepFacts;
 use faer::linalg::matmul::matmul;

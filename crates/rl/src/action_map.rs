@@ -61,7 +61,8 @@ impl ActionMap {
     /// If a length is not the map's.
     pub fn apply(&self, output: &[f32], action: &mut [f32]) {
         assert_eq!((output.len(), action.len()), (self.n_outputs, self.n_actions()), "outputs and actions of the map");
-        for ((action, row), offset) in action.iter_mut().zip(self.matrix.chunks_exact(self.n_outputs)).zip(&self.offset) {
+        for ((action, row), offset) in action.iter_mut().zip(self.matrix.chunks_exact(self.n_outputs)).zip(&self.offset)
+        {
             *action = offset + row.iter().zip(output).map(|(m, o)| m * o).sum::<f32>();
         }
     }

@@ -38,11 +38,7 @@ impl Ddpg {
     /// # Errors
     /// As [`new`](Self::new). Also an error that names a tensor if it is missing, is not expected, has another shape or
     /// type, or holds a value that no learner has.
-    pub fn from_tensors(
-        config: DdpgConfig,
-        dimensions: Dimensions,
-        tensors: &TensorMap,
-    ) -> Result<Self, RlError> {
+    pub fn from_tensors(config: DdpgConfig, dimensions: Dimensions, tensors: &TensorMap) -> Result<Self, RlError> {
         let schema = tensors.u64("schema")?;
         if schema != SCHEMA {
             let (name, expected) = ("schema".to_owned(), "the schema of this version");

@@ -6,7 +6,9 @@ use crate::adam::{Adam, Follow};
 use crate::config::ACTION_L2_DIMENSIONS;
 use crate::matrix::{Aligned, zeros};
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
-use crate::{ActionMap, ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Policy, RlError, RunningNormalizer, elementwise};
+use crate::{
+    ActionMap, ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Policy, RlError, RunningNormalizer, elementwise,
+};
 
 /// A network, the target that follows it, and its optimiser.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,14 +136,11 @@ impl Ddpg {
     ///
     /// # Errors
     /// [`RlError::Config`] if a constant is out of range or a size is 0.
-    pub fn new(
-        config: DdpgConfig,
-        dimensions: Dimensions,
-        rng: &mut impl Rng,
-    ) -> Result<Self, RlError> {
+    pub fn new(config: DdpgConfig, dimensions: Dimensions, rng: &mut impl Rng) -> Result<Self, RlError> {
         config.validate()?;
         let Dimensions { obs_dim, goal_dim, act_dim, n_outputs } = dimensions;
-        for (field, n) in [("obs_dim", obs_dim), ("goal_dim", goal_dim), ("act_dim", act_dim), ("n_outputs", n_outputs)] {
+        for (field, n) in [("obs_dim", obs_dim), ("goal_dim", goal_dim), ("act_dim", act_dim), ("n_outputs", n_outputs)]
+        {
             if n == 0 {
                 return Err(RlError::Config { field, expected: "at least 1", got: n.to_string() });
             }
@@ -308,16 +307,8 @@ impl Ddpg {
     /// Returns the loss and the mean square of the actions.
     fn update_actor(&mut self, tau: Option<f32>) -> (f32, f32) {
         let act_dim = self.act_dim();
-        let Scratch {
-            input,
-            value_gradient,
-            action_gradient,
-            output_gradient,
-            actor,
-            critic,
-            actor_gradient,
-            ..
-        } = &mut self.scratch;
+        let Scratch { input, value_gradient, action_gradient, output_gradient, actor, critic, actor_gradient, .. } =
+            &mut self.scratch;
         let n = value_gradient.len();
         let stride = input.len() / n;
         let actions = self.actor.online.forward(Rows { data: input, stride }, actor);

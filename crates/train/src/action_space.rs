@@ -105,8 +105,7 @@ impl SynergySpace {
             (0..k).map(|i| (synergy.coefficient_max()[i] - synergy.coefficient_min()[i]) / 2.0).collect();
         let middle: Vec<f64> =
             (0..k).map(|i| (synergy.coefficient_max()[i] + synergy.coefficient_min()[i]) / 2.0).collect();
-        let rows: Vec<Vec<f64>> =
-            (0..k).map(|i| synergy.component(i).iter().map(|c| c * half[i]).collect()).collect();
+        let rows: Vec<Vec<f64>> = (0..k).map(|i| synergy.component(i).iter().map(|c| c * half[i]).collect()).collect();
         let centre: Vec<f64> = (0..n)
             .map(|j| synergy.mean()[j] + (0..k).map(|i| middle[i] * synergy.component(i)[j]).sum::<f64>())
             .collect();

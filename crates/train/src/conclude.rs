@@ -32,7 +32,9 @@ impl Trainer {
                 progress.note(&format!("comparing the {} best policies", self.finalists.list().len()));
             }
             let episodes = evaluations.final_episodes;
-            progress.note(&format!("final evaluation: {episodes} new episodes, with all joints and with 0 to {MOST_COMPONENTS} numbers"));
+            progress.note(&format!(
+                "final evaluation: {episodes} new episodes, with all joints and with 0 to {MOST_COMPONENTS} numbers"
+            ));
         }
         progress.finish();
         self.conclude(complete)
@@ -133,16 +135,18 @@ impl Trainer {
         Ok(summary)
     }
 
-    /// Returns the motions that the exported control synergy describes: those of the run's policy on episodes of their own,
-    /// or of the newest training episodes if the run is not complete.
+    /// Returns the motions that the exported control synergy describes: those of the run's policy on episodes of their own.
+    /// If the run is not complete, or the policy fails in all of these, they are those of the newest training episodes.
     fn motions_of(&mut self, policy: &Policy, complete: bool) -> Result<Vec<MotionRecord>, TrainError> {
+        let newest = self.control.newest(self.counters.episodes).to_vec();
         if !complete {
-            return Ok(self.control.newest(self.counters.episodes).to_vec());
+            return Ok(newest);
         }
         let Assignment { config, task, .. } = &self.assignment;
         let (seed, episodes) = (config.seed, 0..config.evaluation.selection_episodes);
         let found = simulate(&mut self.pool, task, policy, seed, EvaluationStream::Motion, episodes, None)?;
-        Ok(motions(&found, &self.control.actuators, task))
+        let own = motions(&found, &self.control.actuators, task);
+        Ok(if own.is_empty() { newest } else { own })
     }
 
     /// Chooses the run's policy, and returns it with the number of training episodes before it.

@@ -8,7 +8,9 @@ use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, rng};
 use eigenhand_sim::{GraspEnv, GraspTask, ObservationEntry, SimError, scene};
-use eigenhand_synergy::{Import, JointInfo, JointMap, Moment, MotionRecord, NamedGrasp, Recommended, Space, Synergy, SynergyFile};
+use eigenhand_synergy::{
+    Import, JointInfo, JointMap, Moment, MotionRecord, NamedGrasp, Recommended, Space, Synergy, SynergyFile,
+};
 use serde::Serialize;
 
 use crate::actuators::HandActuators;
@@ -79,9 +81,9 @@ impl ControlProduct {
     pub fn read(directory: &Path) -> Result<ControlProduct, TrainError> {
         let Import { file, samples } = eigenhand_synergy::import(directory)?;
         match file {
-            SynergyFile { space: Space::Commands, synergy, joint_map: Some(joint_map), recommended, grasps, .. } => {
-                Ok(ControlProduct { synergy, commands: samples, joint_map, recommended, grasps })
-            }
+            SynergyFile {
+                space: Space::Commands, synergy, joint_map: Some(joint_map), recommended, grasps, ..
+            } => Ok(ControlProduct { synergy, commands: samples, joint_map, recommended, grasps }),
             _ => Err(TrainError::Damaged {
                 path: directory.to_owned(),
                 reason: "it holds no control synergy with a joint map".to_owned(),

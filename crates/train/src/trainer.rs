@@ -13,8 +13,8 @@ use eigenhand_sim::GraspTask;
 use eigenhand_synergy::Synergy;
 use rayon::ThreadPool;
 
-use crate::assignment::Assignment;
 use crate::actuators::HandActuators;
+use crate::assignment::Assignment;
 use crate::checkpoint::{Checkpoints, Restored};
 use crate::config::{EvaluationConfig, RunConfig};
 use crate::control::Control;
@@ -293,7 +293,13 @@ impl Trainer {
         let finalist = Finalist { success_rate, episode: self.counters.episodes, policy };
         self.finalists.enter(finalist, finalists);
         let components = self.assignment.config.synergy.components.min(self.postures.joints().len());
-        let row = MetricsRow::of(&self.counters, &evaluation, driven.map(|(_, rate)| rate), self.reward.feedback.synergy(), components);
+        let row = MetricsRow::of(
+            &self.counters,
+            &evaluation,
+            driven.map(|(_, rate)| rate),
+            self.reward.feedback.synergy(),
+            components,
+        );
         self.journal.append(&row)?;
         let driven = driven.map_or_else(String::new, |(k, rate)| format!(", with {k} numbers {:.1} %", 100.0 * rate));
         progress.note(&format!("episode {}: {evaluation}{driven}", self.counters.episodes));

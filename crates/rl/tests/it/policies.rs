@@ -201,7 +201,12 @@ fn wrong_constants_are_refused_by_name() {
         ("hidden", DdpgConfig { hidden: vec![8, 0], ..learner_config() }),
     ];
     for (name, config) in wrong {
-        let error = Ddpg::new(config, Dimensions { obs_dim: 1, goal_dim: 1, act_dim: 1, n_outputs: 1 }, &mut rng::stream(0, "init", 0)).unwrap_err();
+        let error = Ddpg::new(
+            config,
+            Dimensions { obs_dim: 1, goal_dim: 1, act_dim: 1, n_outputs: 1 },
+            &mut rng::stream(0, "init", 0),
+        )
+        .unwrap_err();
         assert!(error.to_string().contains(&format!("`{name}`")), "{error}");
     }
     let text = serde_json::to_string(&learner_config()).unwrap();

@@ -1,7 +1,8 @@
 //! One whole update against numbers that `tests/data/generate_update.py` computed with NumPy.
 
 use eigenhand_rl::{
-    ACTION_L2_DIMENSIONS, ActionMap, Batch, Ddpg, DdpgConfig, Dimensions, EpisodeShape, NormalizerConfig, TensorData, TensorMap,
+    ACTION_L2_DIMENSIONS, ActionMap, Batch, Ddpg, DdpgConfig, Dimensions, EpisodeShape, NormalizerConfig, TensorData,
+    TensorMap,
 };
 
 use crate::{assert_close, learner_config};

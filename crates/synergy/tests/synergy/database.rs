@@ -35,7 +35,9 @@ fn records_come_back_in_order() {
     database.insert_all(&records[..4]).unwrap();
     database.insert_all(&records[4..]).unwrap();
     drop(database);
-    for database in [PostureDatabase::open(&path, &joints, &[]).unwrap(), PostureDatabase::open_existing(&path).unwrap()] {
+    for database in
+        [PostureDatabase::open(&path, &joints, &[]).unwrap(), PostureDatabase::open_existing(&path).unwrap()]
+    {
         assert_eq!(database.len().unwrap(), 10);
         assert_eq!(database.joints(), joints);
         assert_eq!(database.load().unwrap(), records);

@@ -4,8 +4,8 @@ use eigenhand_rl::RlError;
 use eigenhand_sim::SimError;
 
 use super::error::InvalidSetting;
-use crate::action_space::ActionSpace;
 use super::{RunConfig, SCHEMA};
+use crate::action_space::ActionSpace;
 
 /// Largest weight of the feedback; its square does not overflow in single precision.
 const LARGEST_WEIGHT: f64 = 1e6;
