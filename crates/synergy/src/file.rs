@@ -209,8 +209,8 @@ impl SynergyFile {
 
     fn check_grasps(&self) -> Result<(), SynergyError> {
         let n = self.joint_map.as_ref().map_or(0, |map| map.joints.len());
-        let grasps = self.grasps.iter().enumerate();
-        grasps.map(|(i, grasp)| grasp.check(i, self.synergy.n_components(), n)).collect()
+        let k = self.synergy.n_components();
+        self.grasps.iter().enumerate().try_for_each(|(i, grasp)| grasp.check(i, k, n))
     }
 
     /// Reads a file.

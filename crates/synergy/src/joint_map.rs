@@ -87,8 +87,9 @@ impl JointMap {
         if self.matrix.len() != k {
             return Err(SynergyError::invalid("rows of joint_map.matrix", k.to_string(), self.matrix.len()));
         }
-        let rows = self.matrix.iter().enumerate();
-        rows.map(|(i, row)| check_numbers(&format!("joint_map.matrix[{i}]"), row, self.joints.len())).collect()
+        let n = self.joints.len();
+        let mut rows = self.matrix.iter().enumerate();
+        rows.try_for_each(|(i, row)| check_numbers(&format!("joint_map.matrix[{i}]"), row, n))
     }
 }
 

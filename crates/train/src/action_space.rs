@@ -109,7 +109,7 @@ impl SynergySpace {
         let centre: Vec<f64> = (0..n)
             .map(|j| synergy.mean()[j] + (0..k).map(|i| middle[i] * synergy.component(i)[j]).sum::<f64>())
             .collect();
-        let map = actuators.from_numbers(&centre, &rows)?;
+        let map = actuators.map_of_numbers(&centre, &rows)?;
         // (action of each actuator) => the numbers nearest to its commands
         let numbers = |action: &[f32]| -> Vec<f32> {
             let z = synergy.encode(&actuators.commands(action));

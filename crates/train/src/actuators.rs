@@ -49,7 +49,7 @@ impl HandActuators {
     ///
     /// # Errors
     /// [`TrainError::Rl`] for numbers that are not finite.
-    pub fn from_numbers(&self, centre: &[f64], rows: &[Vec<f64>]) -> Result<ActionMap, TrainError> {
+    pub fn map_of_numbers(&self, centre: &[f64], rows: &[Vec<f64>]) -> Result<ActionMap, TrainError> {
         let n_outputs = rows.len() + 1;
         let mut matrix = vec![0.0f32; self.n_actions * n_outputs];
         let mut offset = vec![0.0f32; self.n_actions];

@@ -73,7 +73,7 @@ impl RunConfig {
         let needed = format!("0 or a number above {least} (the larger of synergy.components and synergy.start_after)");
         expect(covers, "synergy.window", needed, s.window)
             .map_err(|error| related(error, &["synergy.components", "synergy.start_after"]))?;
-        let named = (self.action_space == ActionSpace::Synergy) == !s.file.is_empty();
+        let named = (self.action_space == ActionSpace::Synergy) != s.file.is_empty();
         expect(named, "synergy.file", "a synergy exactly where action_space = synergy", format!("{:?}", s.file))
             .map_err(|error| related(error, &["action_space"]))?;
         positive("synergy.motions", s.motions as u64)?;
