@@ -12,6 +12,7 @@ import argparse
 import json
 import pathlib
 import sys
+from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -96,7 +97,7 @@ def drive(export, name, numbers, picture):
     move(UP, held, held, height["closed"], height["held"])
     move(HOLD, held, held, height["held"], height["held"])
     if picture:
-        render(model, data, picture)
+        render(SimpleNamespace(model=model, data=data), picture)
     return data.qpos[place] - low
 
 
