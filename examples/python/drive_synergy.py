@@ -113,9 +113,9 @@ def main():
     lifts = []
     for name in names:
         lifts.append(drive(arguments.export, name, arguments.numbers, arguments.render))
-        print(f"{name}: {arguments.numbers} numbers lifted it by {100 * lifts[-1]:.1f} cm")
+        print(f"{name}: lifted by {100 * lifts[-1]:.1f} cm")
     lifted = sum(lift >= LEAST_LIFT for lift in lifts)
-    print(f"{lifted} of {len(lifts)} objects lifted")
+    print(f"numbers: {arguments.numbers}; {lifted} of {len(lifts)} objects lifted")
     sys.exit(0 if lifted == len(lifts) else 1)
 
 

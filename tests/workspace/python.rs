@@ -134,3 +134,17 @@ fn the_decoded_posture_is_the_one_of_this_workspace() {
         assert!((number - expected).abs() < 1e-4, "{number} {expected}");
     }
 }
+
+#[test]
+fn a_hand_is_driven_through_a_grasp_with_few_numbers_and_no_policy() {
+    if !(python_has("numpy, mujoco") && has_toml()) {
+        return;
+    }
+    let run = Run::new(registry().get("shadow").unwrap());
+    // This run gives scenes and settings. Its few episodes make no synergy, so that of a whole training takes its place.
+    run.train(&tiny(&["episodes=4", "training.warmup_episodes=4", "physics.noslip_iterations=3"]));
+    std::fs::create_dir_all(run.file("synergy")).unwrap();
+    std::fs::copy(workspace().join("synergies/shadow/synergy.toml"), run.file("synergy/synergy.toml")).unwrap();
+    let printed = example("drive_synergy.py", &["--object", "cube"], &run.path);
+    assert!(printed.contains("1 of 1 objects lifted"), "{printed}");
+}

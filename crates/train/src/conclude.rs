@@ -72,7 +72,8 @@ impl Trainer {
         let recommended = success_rate.and_then(|all| {
             let components = fewest_components(&success_with_components, all)?;
             let reason = format!(
-                "with {components} numbers {:.1} % of {} episodes succeed, with all joints {:.1} %",
+                "with {components} number{} {:.1} % of {} episodes succeed, with all joints {:.1} %",
+                if components == 1 { "" } else { "s" },
                 100.0 * success_with_components[components],
                 evaluation.map_or(0, |e| e.all.episodes),
                 100.0 * all
