@@ -46,8 +46,11 @@ fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
         "seed=2",
     ];
     let hands: Vec<Hand> = registry().list().iter().map(|e| e.hand.as_ref().unwrap().clone()).collect();
-    let hands = hands.into_iter().chain([gripper()]).map(|hand| (hand, &usual));
-    for (hand, settings) in hands.chain([(gripper(), &pressing)]) {
+    // With this seed the gripper's pads do not touch the cube in the first step: a newer MuJoCo finds other contacts where
+    // boxes touch.
+    let apart = vec!["objects=[\"cube\", \"disc\"]", "seed=5"];
+    let hands = hands.into_iter().map(|hand| (hand, &usual));
+    for (hand, settings) in hands.chain([(gripper(), &apart), (gripper(), &pressing)]) {
         let run = Run::new(hand);
         run.train(&tiny(&[&SMALL[..], settings].concat()));
         // The script ends with a status of 1 when the step differs by more than it accepts of this MuJoCo.

@@ -25,7 +25,7 @@ const VERSION: &str = "brain.Event:2";
 /// Groups of curves, each with its columns of `metrics.csv`. A name that ends with `*` stands for every column with
 /// this beginning. The columns of the axes, `episode` and `wall_s`, are in no group and have no curve.
 const GROUPS: [(&str, &[&str]); 4] = [
-    ("evaluation", &["success_rate*", "mean_final_distance_m", "mean_penetration_m"]),
+    ("evaluation", &["success_rate*", "success_with_components", "mean_final_distance_m", "mean_penetration_m"]),
     ("synergy", &["n_postures", "contribution_*", "mean_error_rad"]),
     ("learner", &["critic_loss", "actor_loss", "q_mean", "target_mean", "clipped_share"]),
     ("training", &["train_success_rate", "env_steps", "updates", "diverged", "buffer_warnings"]),
