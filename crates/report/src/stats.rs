@@ -76,7 +76,7 @@ impl Contrast {
     }
 
     /// Returns what the difference supports: something only where the interval excludes zero, `p` is below
-    /// [`SIGNIFICANT`], and both point to the same side.
+    /// 0.05, and both point to the same side.
     pub fn verdict(&self) -> Verdict {
         let Some([low, high]) = self.interval else { return Verdict::NoInterval };
         let (above, below) = (low > 0.0, high < 0.0);
