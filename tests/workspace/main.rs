@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod choice;
+mod confinement;
 mod contract;
 mod defaults;
 mod divergence;

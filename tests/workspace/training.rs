@@ -6,10 +6,11 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{EpisodeData, Policy, TensorMap};
+use eigenhand_rl::EpisodeData;
 use eigenhand_synergy::{PostureDatabase, PostureRecord, Source, newest};
 use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
 
+use crate::confinement::{LONGER, gripper_with_vane};
 use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, python_has, tiny};
 
 const EPISODES: u64 = 24;
@@ -44,7 +45,7 @@ fn metrics_without(run: &Run, columns: &[&str]) -> Vec<BTreeMap<String, String>>
 }
 
 /// Asserts that two runs have the same results and the same files, except for wall time.
-fn assert_same(a: (&Run, Summary), b: (&Run, Summary)) {
+pub fn assert_same(a: (&Run, Summary), b: (&Run, Summary)) {
     let ((a, mut summary_a), (b, mut summary_b)) = (a, b);
     let learner = format!("checkpoints/episode-{:08}/learner.safetensors", summary_a.episodes);
     for name in [&learner, "checkpoints/replay.bin", "policy.safetensors"] {
@@ -355,64 +356,6 @@ fn noise_that_has_fallen_to_nothing_is_no_noise() {
     let without = policy(&["exploration.noise_sigma=0", "exploration.random_probability=0"]);
     assert!(policy(&["training.noise_decay=[0, 0]", "training.final_noise=0"]) == without);
     assert!(policy(&["training.noise_decay=[1, 1]", "training.final_noise=0"]) != without);
-}
-
-/// Enough episodes and updates for a policy that succeeds by itself; a scripted success is no part of a synergy.
-const LONGER: [&str; 3] = ["episodes=60", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
-
-/// The same with a single component and no other feedback.
-const CONFINED: [&str; 5] = [LONGER[0], LONGER[1], LONGER[2], "synergy.penalty=none", "synergy.components=1"];
-
-/// Returns the gripper with a second actuator, which turns a vane: one component cannot give all of its commands.
-fn gripper_with_vane() -> Hand {
-    let vane = r#"<body name="vane" pos="0 0 0.05">
-        <joint name="vane_joint" type="hinge" axis="0 0 1" range="-60 60" damping="0.1"/>
-        <geom type="box" size="0.02 0.01 0.01" mass="0.05"/>
-      </body>"#;
-    let turn = r#"<position name="turn" joint="vane_joint" kp="1" ctrllimited="true" ctrlrange="-1 1"/>"#;
-    gripper_with(vane, turn)
-}
-
-#[test]
-fn confinement_survives_a_stop_and_any_number_of_workers() {
-    let whole = Run::new(gripper_with_vane());
-    let summary = whole.train(&tiny(&CONFINED));
-    for episodes in [40, 56] {
-        let run = Run::new(gripper_with_vane());
-        let stop = AtomicBool::new(false);
-        run.start(&tiny(&CONFINED), &stop, &mut StopAfter { episodes, stop: &stop });
-        assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
-    }
-    let again = Run::new(gripper_with_vane());
-    let same = again.train(&tiny(&[&CONFINED[..], &["workers=3"]].concat()));
-    assert_same((&whole, summary), (&again, same));
-}
-
-#[test]
-fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
-    // Share of the commands outside the one component that the policy's map lets through: the map of the two actuators
-    // of the hand has the eigenvalues 1 and that share.
-    let share = |changes: &[&str]| {
-        let run = Run::new(gripper_with_vane());
-        let config = tiny(&[&CONFINED[..], changes].concat());
-        run.train(&config);
-        let tensors = TensorMap::load_bytes(&run.bytes("policy.safetensors")).unwrap();
-        let policy = Policy::import_tensors(&tensors, &config.learner.normalizer).unwrap();
-        policy.map().map_or(1.0, |map| {
-            assert_eq!((map.n_outputs(), map.n_actions()), (3, 3));
-            let at = |row: usize, column: usize| f64::from(map.matrix()[3 * row + column]);
-            at(1, 1) * at(2, 2) - at(1, 2) * at(2, 1)
-        })
-    };
-    for (changes, expected) in [
-        (["lambda=1", "synergy.anneal=[0.5, 0.9]"], 0.0),
-        (["lambda=0.75", "synergy.anneal=[0.5, 0.9]"], 0.25),
-        (["lambda=0", "synergy.anneal=[0.5, 0.9]"], 1.0),
-        (["lambda=1", "synergy.anneal=[1, 1]"], 1.0),
-    ] {
-        let found = share(&changes);
-        assert!((found - expected).abs() < 1e-5, "{changes:?}: {found}");
-    }
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use eigenhand_train::{Assessment, Drive, Driven, FinishedRun, Stress, StressRow};
+use eigenhand_train::{Assessment, Drive, Driven, FinishedRun, Freedom, Stress, StressRow};
 
 use crate::output::{Outcome, percent, print, print_json, table};
 use crate::{search_path, setup};
@@ -16,6 +16,8 @@ const STRESS_EPISODES: u64 = 70;
 #[command(after_help = "Examples:\n  eigenhand eval runs/shadow-quick-l1-s1-1 --episodes 500\n  \
     eigenhand eval runs/shadow-default-l1-s1-1 --set 'physics.friction=[0.8,0.8]'\n  \
     eigenhand eval runs/shadow-default-l1-s1-1 --objects unseen\n  \
+    eigenhand eval runs/shadow-default-l1-s1-1 --components 0..8\n  \
+    eigenhand eval runs/shadow-default-l1-s1-1 --components 0..8 --free wrist_1,wrist_2\n  \
     eigenhand eval runs/shadow-default-l1-s1-1 --stress")]
 pub struct Args {
     /// Run directory
@@ -35,6 +37,9 @@ pub struct Args {
     /// First steps of an episode in which all joints are free
     #[arg(long, value_name = "N", default_value_t = 0, requires = "components")]
     free_steps: usize,
+    /// Actuators that are always free, separated by commas, such as those of a wrist
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "components")]
+    free: Vec<String>,
     /// Threads that simulate; 0 means one for each core
     #[arg(long, value_name = "N", default_value_t = 0)]
     workers: usize,
@@ -95,7 +100,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 eprintln!("with {} numbers: {}", row.components, percent(row.success_rate));
             }
         };
-        let found = run.drive(from..=to, args.free_steps, episodes, args.seed, workers, progress)?;
+        let free = Freedom { steps: args.free_steps, actuators: args.free.clone() };
+        let found = run.drive(from..=to, &free, episodes, args.seed, workers, progress)?;
         if args.json {
             print_json(&found)?
         } else {

@@ -44,7 +44,7 @@ pub struct Args {
     hand: Option<String>,
     #[command(flatten)]
     settings: SettingsArgs,
-    /// Weights of the synergy's feedback, separated by commas
+    /// How far the policies are confined to their synergies, from 0 to 1, separated by commas
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
     lambda: Vec<f64>,
     /// Number of seeds (5 means 1 to 5), or a list such as 1,2,5 or 4-8

@@ -212,6 +212,11 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
         unseen["objects"].as_array().unwrap().iter().filter_map(|o| o["object"].as_str()).collect();
     assert_eq!(objects.len(), 9);
     assert!(objects.contains(&"pyramid") && !objects.contains(&"cube"), "{objects:?}");
+    let driven = |arguments: &[&str]| run(&[&["eval", out_text, "--components"], arguments].concat());
+    assert_error(&driven(&["3..1"]), USAGE, &["3 is greater than 1"]);
+    assert_error(&driven(&["0..x"]), USAGE, &["\"x\" is not a whole number"]);
+    assert_error(&driven(&["0..1", "--free", "tail"]), USAGE, &["--free tail", "no actuator \"tail\""]);
+    assert_error(&driven(&["0..1"]), FAILURE, &["so there is no synergy", "train longer"]);
     let unknown = run(&["eval", out_text, "--objects", "unsen"]);
     assert_error(&unknown, USAGE, &["\"unsen\"", "unseen (", "paper ("]);
     for setting in ["learner.gamma=0.9", "task.observe_shape=false", "learner.gamma=0.5"] {
@@ -228,6 +233,38 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
     assert_error(&over_run, USAGE, &["--out"]);
     let over_new = eigenhand().args(&arguments).output().unwrap();
     assert_error(&over_new, USAGE, &["exists already", "--resume"]);
+}
+
+#[test]
+fn a_policy_acts_in_a_given_synergy() {
+    let place = TempDir::new().unwrap();
+    let (out, synergy) = (place.path().join("run"), place.path().join("synergy"));
+    std::fs::create_dir(&synergy).unwrap();
+    let file = synergy.join("synergy.toml");
+    std::fs::copy(workspace().join("synergies/shadow/synergy.toml"), &file).unwrap();
+    let acts = |hand: &str, out: &Path, components: &str| {
+        let mut arguments = tiny(hand, out);
+        let synergy = synergy.display().to_string();
+        let more = ["--episodes", "8", "--action-space", "synergy", "--components", components, "--synergy", &synergy];
+        arguments.extend(more.map(str::to_owned));
+        eigenhand().args(arguments).output().unwrap()
+    };
+    let other = place.path().join("other");
+    assert_error(&acts("parallel", &other, "2"), FAILURE, &["commands the actuators", "the hand parallel has"]);
+    assert_error(&acts("shadow", &other, "9"), FAILURE, &["it has 5 components, fewer than the 9"]);
+    assert!(!other.exists());
+    let trained = acts("shadow", &out, "2");
+    assert!(trained.status.success(), "{}", stderr(&trained));
+    // Two numbers and the slide, for the 20 actuators of the hand and the slide.
+    let policy = std::fs::read(out.join("policy.safetensors")).unwrap();
+    let length = u64::from_le_bytes(policy[..8].try_into().unwrap()) as usize;
+    let header: Value = serde_json::from_slice(&policy[8..8 + length]).unwrap();
+    assert_eq!(header["action.matrix"]["shape"], serde_json::json!([21, 3]));
+    // The run keeps the synergy.
+    std::fs::remove_file(&file).unwrap();
+    let resumed = run(&["train", "--resume", out.to_str().unwrap(), "--episodes", "12", "--quiet"]);
+    assert!(resumed.status.success(), "{}", stderr(&resumed));
+    assert_error(&acts("shadow", &other, "2"), FAILURE, &["cannot act in the synergy"]);
 }
 
 #[test]

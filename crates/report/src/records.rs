@@ -37,7 +37,7 @@ pub struct Analysis {
 pub struct RunRecord {
     /// Name of its directory.
     pub run: String,
-    /// Weight of the synergy's feedback.
+    /// How far training confined the policy to its synergy.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,
@@ -95,7 +95,7 @@ pub struct Reached {
 /// The runs of one lambda.
 #[derive(Clone, Debug, Serialize)]
 pub struct LambdaRecord {
-    /// Weight of the synergy's feedback.
+    /// How far training confined the policy to its synergy.
     pub lambda: f64,
     /// Number of runs.
     pub n_runs: usize,

@@ -18,7 +18,7 @@ pub struct Run {
     pub path: PathBuf,
     /// The directory's own name.
     pub name: String,
-    /// Weight of the synergy's feedback.
+    /// How far training confined the policy to its synergy.
     pub lambda: f64,
     /// Seed.
     pub seed: u64,

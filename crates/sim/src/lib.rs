@@ -4,6 +4,7 @@
 pub mod contract;
 mod env;
 mod error;
+mod inertia_box;
 mod objects;
 mod physics;
 mod reward;

@@ -3,17 +3,18 @@
 use std::sync::Arc;
 
 use eigenhand_hands::{Hand, JointInfo, Unit};
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 use serde::Serialize;
 
 use crate::SimError;
+use crate::inertia_box::InertiaBox;
 use crate::objects::Object;
 use crate::physics::PhysicsConfig;
 use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
 use crate::self_contacts::SelfContacts;
 use crate::setting::{Factors, Setting, TaskConfig, middle};
-use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo};
+use eigenhand_mujoco::{Data, GeomId, Model, MuJoCo};
 
 /// One entry of the observation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -51,28 +52,6 @@ pub struct ObjectScene {
     /// The object alone on the plane.
     resting: Arc<Model>,
     inertia_box: InertiaBox,
-}
-
-/// The box that has a body's mass and inertia.
-struct InertiaBox {
-    /// Half sizes in m along the principal axes.
-    half_sizes: Vector3<f64>,
-    /// Orientation of the principal axes in the body.
-    axes: UnitQuaternion<f64>,
-}
-
-impl InertiaBox {
-    // A box with half sizes h has the moment m (h2^2 + h3^2) / 3 about its first axis.
-    fn of(model: &Model, body: BodyId) -> InertiaBox {
-        let [a, b, c] = model.principal_inertia(body);
-        let per_mass = 1.5 / model.body_mass(body);
-        let half = |others: f64, own: f64| (per_mass * (others - own)).max(0.0).sqrt();
-        let [w, x, y, z] = model.principal_axes(body);
-        InertiaBox {
-            half_sizes: Vector3::new(half(b + c, a), half(a + c, b), half(a + b, c)),
-            axes: UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z)),
-        }
-    }
 }
 
 /// The grasp task of one hand, shared by all environments.

@@ -11,6 +11,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use rusqlite::types::Value;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Row, TransactionBehavior, params_from_iter};
 
 use crate::SynergyError;
@@ -118,16 +119,30 @@ impl PostureDatabase {
         let n_joints = self.joints.len();
         let names: Vec<String> =
             RECORD_COLUMNS.iter().map(|name| (*name).to_owned()).chain(self.quoted_joints()).collect();
+        self.append("posture", &names, records, |row, record| {
+            check_posture(&record.posture, n_joints, row)?;
+            to_values(record)
+        })
+    }
+
+    /// Appends either all of `records` to a table or none. `values` checks a record, and returns its numbers and texts in
+    /// the order of `names`.
+    fn append<R>(
+        &mut self,
+        table: &str,
+        names: &[String],
+        records: &[R],
+        values: impl Fn(usize, &R) -> Result<Vec<Value>, SynergyError>,
+    ) -> Result<(), SynergyError> {
         let places = vec!["?"; names.len()].join(", ");
-        let sql = format!("INSERT INTO posture ({}) VALUES ({places})", names.join(", "));
+        let sql = format!("INSERT INTO {table} ({}) VALUES ({places})", names.join(", "));
         let connection = &mut self.connection;
         let mut inner = || {
             let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
             {
                 let mut statement = transaction.prepare_cached(&sql)?;
                 for (row, record) in records.iter().enumerate() {
-                    check_posture(&record.posture, n_joints, row)?;
-                    statement.execute(params_from_iter(to_values(record)?))?;
+                    statement.execute(params_from_iter(values(row, record)?))?;
                 }
             }
             Ok(transaction.commit()?)

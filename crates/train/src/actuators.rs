@@ -42,6 +42,28 @@ impl HandActuators {
         scaled.map(|(&i, (centre, half))| centre + half * f64::from(action[i])).collect()
     }
 
+    /// Returns these actuators without those of the given names, which then are as free as the slide.
+    ///
+    /// # Errors
+    /// [`TrainError::Option`] for a name that is none of them, or if none is left.
+    pub fn without(&self, names: &[String]) -> Result<HandActuators, TrainError> {
+        let wrong = |reason: String| TrainError::Option { option: format!("--free {}", names.join(",")), reason };
+        let known = || self.coordinates.iter().map(|c| c.name.clone()).collect::<Vec<_>>().join(", ");
+        if let Some(name) = names.iter().find(|name| self.coordinates.iter().all(|c| c.name != **name)) {
+            return Err(wrong(format!("the hand has no actuator {name:?}; it has {}", known())));
+        }
+        let kept = |i: &usize| !names.contains(&self.coordinates[*i].name);
+        let kept: Vec<usize> = (0..self.coordinates.len()).filter(kept).collect();
+        if kept.is_empty() {
+            return Err(wrong(format!("no actuator is left for the numbers; the hand has {}", known())));
+        }
+        Ok(HandActuators {
+            coordinates: kept.iter().map(|&i| self.coordinates[i].clone()).collect(),
+            actions: kept.iter().map(|&i| self.actions[i]).collect(),
+            n_actions: self.n_actions,
+        })
+    }
+
     /// Returns the map from numbers, the slide's action last, to actions: the commands are `centre + numbers rows`.
     ///
     /// # Shapes
@@ -99,5 +121,84 @@ impl HandActuators {
             offset[action] = ((1.0 - rest) * shift / half) as f32;
         }
         Ok(ActionMap::new(matrix, offset, n_actions)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Three actuators with ranges of their own; the slide has the second action.
+    fn actuators() -> HandActuators {
+        let coordinate = |(name, lower, upper): (&str, f64, f64)| JointInfo {
+            name: name.to_owned(),
+            unit: Unit::Radian,
+            lower,
+            upper,
+        };
+        let coordinates = [("a", -1.0, 3.0), ("b", 0.0, 0.5), ("c", 2.0, 2.5)].map(coordinate).to_vec();
+        HandActuators { coordinates, actions: vec![0, 2, 3], n_actions: 4 }
+    }
+
+    const ACTIONS: [[f32; 4]; 3] = [[0.3, -0.7, 0.2, 0.9], [-1.0, 1.0, 0.0, 0.4], [0.1, 0.2, 0.8, -0.6]];
+
+    fn mapped(map: &ActionMap, action: &[f32]) -> Vec<f32> {
+        let mut out = vec![0.0; map.n_actions()];
+        map.apply(action, &mut out);
+        out
+    }
+
+    fn assert_near(found: &[f64], expected: &[f64]) {
+        assert_eq!(found.len(), expected.len());
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-5, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn confined_commands_are_as_far_outside_the_space_as_asked() {
+        let hand = actuators();
+        let (mean, row) = ([0.5, 0.3, 2.2], [0.6, 0.0, 0.8]);
+        for rest in [0.0, 0.25, 1.0] {
+            let map = hand.confine(&mean, &row, rest).unwrap();
+            for action in ACTIONS {
+                let commands = hand.commands(&action);
+                let along: f64 = (0..3).map(|i| row[i] * (commands[i] - mean[i])).sum();
+                let projected: Vec<f64> = (0..3).map(|i| mean[i] + along * row[i]).collect();
+                let expected: Vec<f64> = (0..3).map(|i| projected[i] + rest * (commands[i] - projected[i])).collect();
+                let found = mapped(&map, &action);
+                assert_near(&hand.commands(&found), &expected);
+                assert_eq!(found[1], action[1], "the slide is free");
+            }
+        }
+        let constant = hand.confine(&mean, &[], 0.0).unwrap();
+        ACTIONS.iter().for_each(|action| assert_near(&hand.commands(&mapped(&constant, action)), &mean));
+    }
+
+    #[test]
+    fn numbers_command_what_the_rows_say_and_the_last_one_is_the_slides() {
+        let hand = actuators();
+        let (centre, rows) = ([0.5, 0.3, 2.2], [vec![0.6, 0.1, 0.8], vec![-0.2, 0.05, 0.1]]);
+        let map = hand.map_of_numbers(&centre, &rows).unwrap();
+        let action = mapped(&map, &[0.5, -1.0, 0.25]);
+        let expected: Vec<f64> = (0..3).map(|i| centre[i] + 0.5 * rows[0][i] - rows[1][i]).collect();
+        assert_near(&hand.commands(&action), &expected);
+        assert_eq!(action[1], 0.25);
+    }
+
+    #[test]
+    fn actuators_that_are_left_out_are_free() {
+        let hand = actuators().without(&["b".to_owned()]).unwrap();
+        let map = hand.confine(&[0.5, 2.2], &[0.6, 0.8], 0.0).unwrap();
+        for action in ACTIONS {
+            let found = mapped(&map, &action);
+            assert_eq!((found[1], found[2]), (action[1], action[2]));
+            assert!(hand.commands(&found) != hand.commands(&action));
+        }
+        for (names, part) in [(vec!["d"], "has no actuator \"d\""), (vec!["a", "b", "c"], "no actuator is left")] {
+            let names: Vec<String> = names.into_iter().map(str::to_owned).collect();
+            let message = actuators().without(&names).unwrap_err().to_string();
+            assert!(message.contains(part) && message.contains("a, b, c"), "{message}");
+        }
     }
 }

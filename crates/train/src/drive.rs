@@ -28,8 +28,8 @@ pub struct Drive {
     pub episodes: u64,
     /// Seed of the episodes.
     pub seed: u64,
-    /// First steps of an episode in which all joints were free.
-    pub free_steps: usize,
+    /// What the numbers did not command.
+    pub free: Freedom,
     /// One row for each number of components.
     pub rows: Vec<Driven>,
     /// Share of the episodes that succeeded with all joints.
@@ -38,6 +38,15 @@ pub struct Drive {
     pub interval: [f64; 2],
     /// The fewest components, at least one, within 5 points of all joints; none if no row is.
     pub k_for_95: Option<usize>,
+}
+
+/// What the policy commands by itself while numbers command the hand, besides the slide.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Freedom {
+    /// First steps of an episode in which all actuators are free.
+    pub steps: usize,
+    /// Actuators that are always free, such as those of a wrist.
+    pub actuators: Vec<String>,
 }
 
 /// Success with one number of components.
@@ -164,4 +173,32 @@ fn random_rows(k: usize, n: usize, random: &mut impl Rng) -> Vec<f64> {
         rows.extend(row.into_iter().map(|r| r / length));
     }
     rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn random_rows_are_orthonormal_and_differ_between_draws() {
+        let rows = |draw| random_rows(3, 7, &mut rng::stream(1, "random-space", draw));
+        let first = rows(0);
+        for i in 0..3 {
+            for j in 0..3 {
+                let product: f64 = (0..7).map(|n| first[7 * i + n] * first[7 * j + n]).sum();
+                assert!((product - f64::from(u8::from(i == j))).abs() < 1e-12, "{i} {j}: {product}");
+            }
+        }
+        assert_eq!(first, rows(0));
+        assert_ne!(first, rows(1));
+    }
+
+    #[test]
+    fn the_fewest_numbers_within_five_points_are_at_least_one() {
+        assert_eq!(fewest_components(&[0.99, 0.91, 0.92, 0.97], 0.97), Some(2));
+        assert_eq!(fewest_components(&[0.2, 0.91, 0.9], 0.97), None);
+        // 0.95 - 0.05 is not 0.9 in binary.
+        assert_eq!(fewest_components(&[0.0, 0.9], 0.95), Some(1));
+        assert_eq!(fewest_components(&[], 0.5), None);
+    }
 }

@@ -15,7 +15,7 @@ use crate::actuators::HandActuators;
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
 use crate::control::control_space;
-use crate::drive::{Drive, Driven, Driver, is_nearly};
+use crate::drive::{Drive, Driven, Driver, Freedom, is_nearly};
 use crate::error::TrainError;
 use crate::evaluation::{EvaluationStream, Tally, evaluate, simulate};
 use crate::hands::{check_digest, hand_named};
@@ -109,20 +109,23 @@ impl FinishedRun {
 
     /// Measures the success of the policy when its commands are projected on few numbers.
     ///
+    /// The space is that of the export, with all of its components, and without the actuators that are `free`.
+    ///
     /// # Errors
-    /// [`TrainError::Sim`], or [`TrainError::WorkerLost`].
+    /// [`TrainError::Option`] for an actuator that the hand does not have, [`TrainError::NoMotions`] for a policy that
+    /// does not succeed, [`TrainError::Sim`], or [`TrainError::WorkerLost`].
     pub fn drive(
         &self,
         components: RangeInclusive<usize>,
-        free_steps: usize,
+        free: &Freedom,
         episodes: u64,
         seed: u64,
         workers: usize,
         mut each: impl FnMut(&Driven),
     ) -> Result<Drive, TrainError> {
+        let actuators = HandActuators::of(&self.hand, &self.task).without(&free.actuators)?;
         let mut pool = WorkerPool::new(&self.task, workers)?;
-        let actuators = HandActuators::of(&self.hand, &self.task);
-        // In the scene of training: the same episodes and so the same space as that of the export, with all its components.
+        // In the scene of training: the export was made of the same episodes.
         let trained = RunConfig::read(&self.directory.join(CONFIG))?;
         let task = task_of(&trained, &self.hand, &MuJoCo::load()?)?;
         let motion_episodes = 0..trained.evaluation.selection_episodes;
@@ -134,24 +137,24 @@ impl FinishedRun {
         let Some(space) = control_space(&actuators.coordinates, &motions, actuators.coordinates.len())? else {
             return Err(TrainError::NoMotions { run: self.directory.clone() });
         };
-        let driver =
-            Driver { task: &self.task, policy: &self.policy, actuators: &actuators, space: &space, free_steps };
+        let Self { task, policy, .. } = self;
+        let driver = Driver { task, policy, actuators: &actuators, space: &space, free_steps: free.steps };
         let mut rows = Vec::new();
         for k in components.filter(|&k| k <= space.n_components()) {
             let row = driver.measure(&mut pool, k, seed, EvaluationStream::Separate, episodes, true)?;
             each(&row);
             rows.push(row);
         }
-        let free = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, 0..episodes)?;
-        let nearly = |row: &&Driven| row.components > 0 && is_nearly(row.success_rate, free.success_rate());
+        let unprojected = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, 0..episodes)?;
+        let nearly = |row: &&Driven| row.components > 0 && is_nearly(row.success_rate, unprojected.success_rate());
         Ok(Drive {
             episodes,
             seed,
-            free_steps,
+            free: free.clone(),
             k_for_95: rows.iter().find(nearly).map(|row| row.components),
             rows,
-            success_rate: free.success_rate(),
-            interval: wilson_interval(free.all.successes, free.all.episodes),
+            success_rate: unprojected.success_rate(),
+            interval: wilson_interval(unprojected.all.successes, unprojected.all.episodes),
         })
     }
 

@@ -46,7 +46,7 @@ mod trainer;
 pub use action_space::ActionSpace;
 pub use assessment::{Assessment, ObjectScore, wilson_interval};
 pub use assignment::Assignment;
-pub use drive::{Drive, Driven};
+pub use drive::{Drive, Driven, Freedom};
 pub use error::TrainError;
 pub use evaluation::{Evaluation, EvaluationStream, Grasp, Tally, evaluate};
 pub use finished::FinishedRun;

@@ -32,7 +32,7 @@ pub struct Figure {
 
 /// The runs of one lambda.
 pub(crate) struct Group<'a> {
-    /// Weight of the synergy's feedback.
+    /// How far training confined the policy to its synergy.
     pub lambda: f64,
     /// Its runs.
     pub runs: Vec<&'a Run>,

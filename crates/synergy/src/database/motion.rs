@@ -1,10 +1,10 @@
 //! The motions of successful episodes: commands and postures at some of their steps.
 
+use rusqlite::Row;
 use rusqlite::types::Value;
-use rusqlite::{Row, TransactionBehavior, params_from_iter};
 
+use super::PostureDatabase;
 use super::columns::{MOTION_COLUMNS, quoted};
-use super::{PostureDatabase, recognise};
 use crate::SynergyError;
 use crate::joint::check_posture;
 
@@ -32,24 +32,13 @@ impl PostureDatabase {
     /// A record with a posture or a command of the wrong length, or with a number that is not finite; a failure of
     /// SQLite.
     pub fn insert_motions(&mut self, records: &[MotionRecord]) -> Result<(), SynergyError> {
-        let names = self.motion_columns().collect::<Vec<_>>();
-        let places = vec!["?"; names.len()].join(", ");
-        let sql = format!("INSERT INTO motion ({}) VALUES ({places})", names.join(", "));
+        let names: Vec<String> = self.motion_columns().collect();
         let (n_joints, n_actuators) = (self.joints.len(), self.actuators.len());
-        let connection = &mut self.connection;
-        let mut inner = || {
-            let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-            {
-                let mut statement = transaction.prepare_cached(&sql)?;
-                for (row, record) in records.iter().enumerate() {
-                    check_posture(&record.posture, n_joints, row)?;
-                    check_posture(&record.command, n_actuators, row)?;
-                    statement.execute(params_from_iter(to_values(record)?))?;
-                }
-            }
-            Ok(transaction.commit()?)
-        };
-        inner().map_err(|error: SynergyError| recognise(error).in_file(&self.path))
+        self.append("motion", &names, records, |row, record| {
+            check_posture(&record.posture, n_joints, row)?;
+            check_posture(&record.command, n_actuators, row)?;
+            to_values(record)
+        })
     }
 
     /// Returns all steps of all motions, in the order of their insertion.

@@ -27,7 +27,7 @@ const LISTED: usize = 5;
 pub struct Request {
     /// Settings of every run; their lambda, seed, workers and directory are ignored.
     pub settings: NewRun,
-    /// Weights of the synergy's feedback.
+    /// How far the policies are confined to their synergies.
     pub lambdas: Vec<f64>,
     /// Seeds.
     pub seeds: Vec<u64>,

@@ -1,0 +1,121 @@
+//! Confinement to the control synergy, the motions to which it is fitted, and how well its numbers drive a hand.
+
+use std::sync::atomic::AtomicBool;
+
+use eigenhand_hands::{Hand, SearchPath};
+use eigenhand_rl::{Policy, TensorMap};
+use eigenhand_synergy::{PostureDatabase, PostureRecord, Source};
+use eigenhand_train::{FinishedRun, Freedom};
+use tempfile::TempDir;
+
+use crate::support::{Run, StopAfter, gripper_with, tiny, write_gripper};
+use crate::training::assert_same;
+
+/// Enough episodes and updates for a policy that succeeds by itself; a scripted success is no part of a synergy.
+pub const LONGER: [&str; 3] = ["episodes=60", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
+
+/// The same with a single component and no other feedback.
+const CONFINED: [&str; 5] = [LONGER[0], LONGER[1], LONGER[2], "synergy.penalty=none", "synergy.components=1"];
+
+/// A vane, and the actuator that turns it: with it, one component cannot give all commands of the gripper.
+const VANE: &str = r#"<body name="vane" pos="0 0 0.05">
+        <joint name="vane_joint" type="hinge" axis="0 0 1" range="-60 60" damping="0.1"/>
+        <geom type="box" size="0.02 0.01 0.01" mass="0.05"/>
+      </body>"#;
+const TURN: &str = r#"<position name="turn" joint="vane_joint" kp="1" ctrllimited="true" ctrlrange="-1 1"/>"#;
+
+/// Returns the gripper with the vane.
+pub fn gripper_with_vane() -> Hand {
+    gripper_with(VANE, TURN)
+}
+
+#[test]
+fn confinement_survives_a_stop_and_any_number_of_workers() {
+    let whole = Run::new(gripper_with_vane());
+    let summary = whole.train(&tiny(&CONFINED));
+    for episodes in [40, 56] {
+        let run = Run::new(gripper_with_vane());
+        let stop = AtomicBool::new(false);
+        run.start(&tiny(&CONFINED), &stop, &mut StopAfter { episodes, stop: &stop });
+        assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
+    }
+    let again = Run::new(gripper_with_vane());
+    let same = again.train(&tiny(&[&CONFINED[..], &["workers=3"]].concat()));
+    assert_same((&whole, summary), (&again, same));
+}
+
+#[test]
+fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
+    // Share of the commands outside the one component that the policy's map lets through: the map of the two actuators
+    // of the hand has the eigenvalues 1 and that share.
+    let share = |changes: &[&str]| {
+        let run = Run::new(gripper_with_vane());
+        let config = tiny(&[&CONFINED[..], changes].concat());
+        run.train(&config);
+        let tensors = TensorMap::load_bytes(&run.bytes("policy.safetensors")).unwrap();
+        let policy = Policy::import_tensors(&tensors, &config.learner.normalizer).unwrap();
+        policy.map().map_or(1.0, |map| {
+            assert_eq!((map.n_outputs(), map.n_actions()), (3, 3));
+            let at = |row: usize, column: usize| f64::from(map.matrix()[3 * row + column]);
+            at(1, 1) * at(2, 2) - at(1, 2) * at(2, 1)
+        })
+    };
+    for (changes, expected) in [
+        (["lambda=1", "synergy.anneal=[0.5, 0.9]"], 0.0),
+        (["lambda=0.75", "synergy.anneal=[0.5, 0.9]"], 0.25),
+        (["lambda=0", "synergy.anneal=[0.5, 0.9]"], 1.0),
+        (["lambda=1", "synergy.anneal=[1, 1]"], 1.0),
+    ] {
+        let found = share(&changes);
+        assert!((found - expected).abs() < 1e-5, "{changes:?}: {found}");
+    }
+}
+
+#[test]
+fn a_motion_has_ten_steps_of_the_approach_and_ten_of_the_hold() {
+    let run = Run::new(gripper_with_vane());
+    let config = tiny(&LONGER);
+    run.train(&config);
+    let database = PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap();
+    let (postures, motions) = (database.load().unwrap(), database.motions().unwrap());
+    let scripted = |p: &PostureRecord| p.source == Source::Script;
+    assert!(postures.iter().any(scripted), "the test needs scripted successes");
+    assert!(postures.iter().all(|p| scripted(p) == (p.episode < config.training.warmup_episodes)));
+    let by_the_policy: Vec<u64> = postures.iter().filter(|p| p.source == Source::Policy).map(|p| p.episode).collect();
+    let episodes: Vec<u64> = motions.chunk_by(|a, b| a.episode == b.episode).map(|motion| motion[0].episode).collect();
+    assert_eq!(episodes, by_the_policy, "one motion for each success without noise");
+    for motion in motions.chunk_by(|a, b| a.episode == b.episode) {
+        assert_eq!(motion.iter().map(|step| step.held).collect::<Vec<_>>(), [[false; 10], [true; 10]].concat());
+        assert!(motion.is_sorted_by_key(|step| step.step));
+        assert!(motion[19].step < config.task.steps as u32);
+    }
+}
+
+#[test]
+fn driving_with_as_many_numbers_as_actuators_is_the_policy_and_with_fewer_it_is_not() {
+    let run = Run::new(gripper_with_vane());
+    let summary = run.train(&tiny(&[&LONGER[..], &["lambda=0", "evaluation.selection_episodes=40"]].concat()));
+    let place = TempDir::new().unwrap();
+    let hand = place.path().join("plugins/gripper");
+    std::fs::create_dir_all(&hand).unwrap();
+    write_gripper(&hand, VANE, TURN);
+    let mut hands = SearchPath::new();
+    hands.push(place.path().join("plugins"), "the test");
+    let finished = FinishedRun::open(&run.path, &hands, &[]).unwrap();
+    let drive = |free: &Freedom| finished.drive(0..=2, free, 20, 3, 1, |_| {});
+    let found = drive(&Freedom::default()).unwrap();
+    let rates: Vec<f64> = found.rows.iter().map(|row| row.success_rate).collect();
+    let shares: Vec<f64> = found.rows.iter().map(|row| row.variance_share).collect();
+    assert_eq!((rates.len(), rates[2]), (3, found.success_rate), "two numbers for two actuators");
+    assert!(found.success_rate > 0.0 && rates[0] != found.success_rate, "{rates:?}");
+    assert!(shares[0] == 0.0 && shares[1] < 1.0 && (shares[2] - 1.0).abs() < 1e-12, "{shares:?}");
+    let random: Vec<bool> = found.rows.iter().map(|row| row.random_success_rate.is_some()).collect();
+    assert_eq!(random, [false, true, false]);
+    let always = drive(&Freedom { steps: 1000, actuators: Vec::new() }).unwrap();
+    assert!(always.rows.iter().all(|row| row.success_rate == found.success_rate), "no step is projected");
+    let without_vane = drive(&Freedom { steps: 0, actuators: vec!["turn".to_owned()] }).unwrap();
+    assert_eq!(without_vane.rows.len(), 2, "one number for the actuator that is left");
+    assert_eq!(summary.success_with_components.len(), 3);
+    assert_eq!(summary.success_with_components[2], summary.success_rate.unwrap());
+    assert_eq!(summary.content.unwrap().n_joints, 3, "the slide does not count");
+}
