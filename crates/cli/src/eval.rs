@@ -141,8 +141,8 @@ fn describe(found: &Assessment) -> String {
     if found.successes > 0 {
         let depth = 1000.0 * found.mean_penetration_m;
         text.push_str(&format!("\nmean penetration between object and hand in successes: {depth:.1} mm"));
-        if found.mean_self_penetration_m > 0.0 {
-            let depth = 1000.0 * found.mean_self_penetration_m;
+        if let Some(depth) = found.mean_self_penetration_m {
+            let depth = 1000.0 * depth;
             text.push_str(&format!("\nmean penetration between links of the hand in successes: {depth:.1} mm"));
         }
     }

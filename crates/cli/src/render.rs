@@ -23,7 +23,7 @@ const COLUMNS: usize = 4;
 #[derive(clap::Args)]
 #[command(
     after_help = "Writes grasps.png with a successful grasp of each object, and components.png with a row for each\n\
-    component of the synergy: the posture at its smallest coefficient, the mean posture, and the posture at its\n\
+    component of the control synergy: the hand at its smallest coefficient, at zero, and at its\n\
     largest coefficient. Needs no display.\n\n\
     Example:\n  eigenhand render runs/shadow-quick-l1-s1-1"
 )]
@@ -108,7 +108,7 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<Picture>, Vec<String>)> {
     Ok((drawn, missing))
 }
 
-/// Returns a row of postures for each of the first components: at its smallest coefficient, the mean, and at its
+/// Returns a row of postures for each of the first components: at its smallest coefficient, at zero, and at its
 /// largest.
 fn sweep(file: &SynergyFile, components: usize) -> Vec<Vec<Vec<f64>>> {
     let (synergy, Some(map)) = (&file.synergy, &file.joint_map) else { return Vec::new() };

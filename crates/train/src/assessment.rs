@@ -34,8 +34,8 @@ pub struct Assessment {
     pub mean_final_distance_m: f64,
     /// Deepest penetration between object and hand in the last steps of an episode, averaged over the successes, in m.
     pub mean_penetration_m: f64,
-    /// The same between two geoms of the hand; 0 without `physics.self_collision`.
-    pub mean_self_penetration_m: f64,
+    /// The same between two geoms of the hand; none without `physics.self_collision`.
+    pub mean_self_penetration_m: Option<f64>,
     /// Episodes whose simulation diverged.
     pub diverged: u64,
     /// Counts of MuJoCo's warnings.

@@ -118,7 +118,7 @@ impl Trainer {
             k_for_95: success_rate.and_then(|all| fewest_components(&success_with_components, all)),
             success_with_components,
             mean_penetration_m: evaluation.map(|e| e.mean_penetration),
-            mean_self_penetration_m: evaluation.map(|e| e.mean_self_penetration),
+            mean_self_penetration_m: evaluation.and_then(|e| e.mean_self_penetration),
             policy_episode,
             last_evaluation: counters.last_evaluation,
             n_postures: counters.postures,

@@ -81,8 +81,8 @@ pub struct Evaluation {
     pub mean_final_distance: f64,
     /// Deepest penetration between object and hand in the last steps of an episode, averaged over the successes, in m.
     pub mean_penetration: f64,
-    /// The same between two geoms of the hand; 0 without `physics.self_collision`.
-    pub mean_self_penetration: f64,
+    /// The same between two geoms of the hand; none without `physics.self_collision`, when links pass through each other.
+    pub mean_self_penetration: Option<f64>,
     /// Episodes whose simulation diverged.
     pub diverged: u64,
     /// Counts of MuJoCo's warnings.
@@ -188,7 +188,8 @@ pub(crate) fn summarise(task: &GraspTask, episodes: &[Episode]) -> Evaluation {
             .collect(),
         mean_final_distance: mean(&mut episodes.iter().filter(|e| !e.diverged).map(|e| e.final_distance)),
         mean_penetration: mean(&mut episodes.iter().filter(|e| e.success).map(|e| e.penetration)),
-        mean_self_penetration: mean(&mut episodes.iter().filter(|e| e.success).map(|e| e.self_penetration)),
+        mean_self_penetration: (task.physics.self_collision)
+            .then(|| mean(&mut episodes.iter().filter(|e| e.success).map(|e| e.self_penetration))),
         diverged: episodes.iter().filter(|e| e.diverged).count() as u64,
         warnings,
         grasps: episodes.iter().filter(|e| e.success).map(grasp).collect(),

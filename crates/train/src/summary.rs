@@ -71,7 +71,7 @@ pub struct Summary {
     pub k_for_95: Option<usize>,
     /// Deepest penetration between object and hand, averaged over the final evaluation's successes, in m.
     pub mean_penetration_m: Option<f64>,
-    /// The same between two geoms of the hand; 0 without `physics.self_collision`.
+    /// The same between two geoms of the hand; none without `physics.self_collision`.
     pub mean_self_penetration_m: Option<f64>,
     /// Training episodes before the run's policy.
     pub policy_episode: u64,
