@@ -5,7 +5,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use eigenhand_train::reproduce::children::{Ending, train};
-use eigenhand_train::reproduce::{Member, Overview, OverviewDisplay, Reproduction, Request, State};
+use eigenhand_train::reproduce::{Comparison, Member, Overview, OverviewDisplay, Reproduction, Request, State};
 use eigenhand_train::request::{NewRun, resolve};
 use eigenhand_train::{Provenance, RunDirectory, TrainError};
 use tempfile::TempDir;
@@ -42,7 +42,8 @@ impl Place {
 
     fn request(&self, seeds: &[u64]) -> Request {
         let out = Some(self.directory());
-        Request { settings: self.settings(), lambdas: vec![0.0, 1.0, 0.0], seeds: seeds.to_vec(), out }
+        let comparison = Comparison::Lambdas(vec![0.0, 1.0, 0.0]);
+        Request { settings: self.settings(), comparison, seeds: seeds.to_vec(), out }
     }
 
     fn prepare(&self, seeds: &[u64]) -> Reproduction {
@@ -71,11 +72,11 @@ impl OverviewDisplay for Display<'_> {
 
 /// Returns the command of a shell that runs instead of a training. `env` restores the default interrupt first: a test
 /// in the background inherits an ignored interrupt, and a shell cannot trap a signal that was ignored at its start.
-fn shell(script: &str) -> impl Fn(&Member) -> Command {
+fn shell(script: &str) -> impl Fn(&Member) -> Result<Command, TrainError> {
     move |member| {
         let mut command = Command::new("env");
         command.args(["--default-signal=INT", "sh", "-c", script, &member.name]);
-        command
+        Ok(command)
     }
 }
 
@@ -133,7 +134,7 @@ fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
     let there = |member: &Member| {
         let mut command = Command::new("sh");
         command.args(["-c", script]).arg(&member.run);
-        command
+        Ok(command)
     };
     let endings = train(&reproduction, 1, &AtomicUsize::new(0), &there, &mut Display::default()).unwrap();
     assert!(matches!(&endings[0], Ending::Failed { status, .. } if status.contains('7')), "{endings:?}");

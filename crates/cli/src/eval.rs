@@ -92,6 +92,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         } else {
             print(&describe_stress(&found))?
         }
+        // A report shows what the run itself endures, not what it endures in another scene.
+        if changes.is_empty()
+            && let Err(error) = found.write(&args.run)
+        {
+            eprintln!("note: a report cannot show this table: {error}");
+        }
         return Ok(Outcome::Done);
     }
     if let Some((from, to)) = args.components {

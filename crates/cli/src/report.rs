@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use eigenhand_report::{Analysis, Report, read_runs, write};
+use eigenhand_report::{Analysis, Report, Study, StudyAnalysis, StudyReport, read_runs, write, write_study};
 use serde::Serialize;
 
 use crate::output::{Outcome, percent, print, print_json, table};
 
 /// Name of a report's directory by default.
-const DIRECTORY: &str = "report";
+pub const DIRECTORY: &str = "report";
 
 const EXAMPLES: &str = "\
 Runs may be unfinished: the report shows their curves so far, and says that their results are missing.
@@ -39,8 +39,22 @@ struct Printed<'a> {
     analysis: &'a Analysis,
 }
 
+#[derive(Serialize)]
+struct PrintedStudy<'a> {
+    page: &'a Path,
+    #[serde(flatten)]
+    analysis: &'a StudyAnalysis,
+}
+
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    if let [only] = args.runs.as_slice()
+        && Study::is_in(only)
+    {
+        let out = args.out.clone().unwrap_or_else(|| only.join(DIRECTORY));
+        show_study(only, &out, args.json)?;
+        return Ok(Outcome::Done);
+    }
     let runs = read_runs(&args.runs)?;
     let out = match (&args.out, args.runs.as_slice()) {
         (Some(out), _) => out.clone(),
@@ -55,6 +69,33 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// Writes the report of a directory of runs into this directory.
 pub fn of_directory(directory: &Path) -> anyhow::Result<Report> {
     Ok(write(&read_runs(&[directory.to_owned()])?, &directory.join(DIRECTORY))?)
+}
+
+/// Writes the report of a study, and prints its results.
+pub fn show_study(directory: &Path, out: &Path, json: bool) -> anyhow::Result<()> {
+    let StudyReport { page, analysis } = write_study(&Study::read(directory)?, out)?;
+    if json {
+        return print_json(&PrintedStudy { page: &page, analysis: &analysis });
+    }
+    let heads = ["the policy commands", "runs", "success", "other objects", "episodes to 70 %"];
+    let mut rows = vec![heads.map(str::to_owned).to_vec()];
+    for variant in &analysis.variants {
+        let share = |key: &str| variant.quantities.get(key).map_or_else(|| "-".to_owned(), |e| percent(e.iqm));
+        let seventy = variant.levels.iter().find(|level| level.success_rate == 0.7).and_then(|l| l.median_episodes);
+        rows.push(vec![
+            variant.title.clone(),
+            format!("{} of {}", variant.n_complete, variant.n_runs),
+            share("success_rate"),
+            share("other_objects_success_rate"),
+            seventy.map_or_else(|| "-".to_owned(), |episodes| format!("{episodes:.0}")),
+        ]);
+    }
+    let mut text = table(&rows);
+    for sentence in analysis.notes.iter().chain(&analysis.statements) {
+        text.push_str(&format!("- {sentence}\n"));
+    }
+    text.push_str(&format!("report: {}\n", page.display()));
+    print(&text)
 }
 
 /// Prints the results of a report.

@@ -12,7 +12,7 @@ use eigenhand_report::counted;
 use eigenhand_train::config::worker_count;
 use eigenhand_train::reproduce::children::{Ending, train};
 use eigenhand_train::reproduce::{
-    Member, OverviewBars, OverviewDisplay, OverviewLines, Reproduction, Request, Silent, State,
+    Comparison, Member, OverviewBars, OverviewDisplay, OverviewLines, Reproduction, Request, Silent, State,
 };
 use eigenhand_train::request::NewRun;
 
@@ -33,9 +33,18 @@ saves and stops all runs (exit status 130); a second Ctrl-C stops them at once.
 Examples:
   eigenhand reproduce --lambda 0,0.5,1 --seeds 1,2,3 --out runs/three-lambdas
   eigenhand reproduce --preset quick --seeds 3 --set learner.gamma=0.95
+  eigenhand reproduce --study control --seeds 4 --episodes 1000
   eigenhand reproduce";
 
-/// Repeats the paper's experiment: trains with lambda 0 and 1 for several seeds, and writes a report
+/// Settings of a study, before the user's own: evaluations that are close enough for a curve, and objects that no
+/// training sees.
+const STUDY_SETTINGS: [&str; 2] = ["evaluation.every=100", "evaluation.other_objects=[\"unseen\"]"];
+/// Seeds by default.
+const SEEDS: u64 = 5;
+/// Seeds of a study by default: with three, a permutation test cannot support a difference.
+const STUDY_SEEDS: u64 = 4;
+
+/// Repeats the paper's experiment, or a study: trains several variants for several seeds, and writes a report
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Args {
@@ -47,13 +56,16 @@ pub struct Args {
     /// How far the policies are confined to their synergies, from 0 to 1, separated by commas
     #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
     lambda: Vec<f64>,
-    /// Number of seeds (5 means 1 to 5), or a list such as 1,2,5 or 4-8
-    #[arg(long, value_name = "SEEDS", default_value = "5", value_parser = parse_seeds)]
-    seeds: Seeds,
+    /// Compares action spaces instead of lambdas: every joint, numbers of synergies, random directions, one number by hand
+    #[arg(long, value_name = "NAME", value_parser = ["control"], conflicts_with = "lambda")]
+    study: Option<String>,
+    /// Number of seeds (5 means 1 to 5), or a list such as 1,2,5 or 4-8 [default: 5; 4 for a study]
+    #[arg(long, value_name = "SEEDS", value_parser = parse_seeds)]
+    seeds: Option<Seeds>,
     /// Number of runs at a time [default: one for every two cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
     jobs: Option<u64>,
-    /// Directory of the runs [default: runs/reproduce-<hand>-<preset>]
+    /// Directory of the runs [default: runs/reproduce-<hand>-<preset>, or runs/study-<hand>-<preset>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Prints the report as JSON on standard output
@@ -121,8 +133,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let command = |member: &Member| {
         let mut command = Command::new(&program);
         std::os::unix::process::CommandExt::arg0(&mut command, std::env::args_os().next().unwrap_or_default());
+        reproduction.make_space(member)?;
         command.args(args.arguments(member, &reproduction.config.hand, workers));
-        command
+        Ok(command)
     };
     let endings = train(&reproduction, jobs, &stop, &command, display.as_mut())?;
     let failed: Vec<&str> = names(&reproduction, &endings, |ending| matches!(ending, Ending::Failed { .. }));
@@ -131,8 +144,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Interrupted);
     }
     if failed.is_empty() || failed.len() < endings.len() {
-        let report = report::of_directory(&reproduction.directory)?;
-        report::show(&report, args.json)?;
+        if args.study.is_some() {
+            report::show_study(&reproduction.directory, &reproduction.directory.join(report::DIRECTORY), args.json)?;
+        } else {
+            report::show(&report::of_directory(&reproduction.directory)?, args.json)?;
+        }
     }
     if failed.is_empty() {
         return Ok(Outcome::Done);
@@ -143,8 +159,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 impl Args {
     fn request(&self) -> Request {
-        let settings = NewRun { hand: self.hand.clone(), default_hand: true, ..self.settings.new_run() };
-        Request { settings, lambdas: self.lambda.clone(), seeds: self.seeds.0.clone(), out: self.out.clone() }
+        let mut settings = NewRun { hand: self.hand.clone(), default_hand: true, ..self.settings.new_run() };
+        settings.assignments = self.assignments();
+        let (comparison, seeds) = match self.study {
+            Some(_) => (Comparison::ControlStudy, STUDY_SEEDS),
+            None => (Comparison::Lambdas(self.lambda.clone()), SEEDS),
+        };
+        let seeds = self.seeds.as_ref().map_or_else(|| (1..=seeds).collect(), |seeds| seeds.0.clone());
+        Request { settings, comparison, seeds, out: self.out.clone() }
+    }
+
+    /// Returns the assignments of settings: those of a study, then the user's own.
+    fn assignments(&self) -> Vec<String> {
+        let of_study = self.study.iter().flat_map(|_| STUDY_SETTINGS).map(str::to_owned);
+        of_study.chain(self.settings.assignments.iter().cloned()).collect()
     }
 
     /// Returns the arguments with which this program trains or resumes a member.
@@ -156,11 +184,17 @@ impl Args {
             option("--resume", member.run.clone().into());
             return arguments;
         }
-        option("--lambda", member.lambda.to_string().into());
+        option("--lambda", member.variant.lambda.to_string().into());
         option("--seed", member.seed.to_string().into());
         option("--out", member.run.clone().into());
         option("--hand", hand.into());
-        arguments.extend(self.settings.arguments());
+        if let (Some(synergy), Some(numbers)) = (&member.synergy, &member.variant.space) {
+            option("--action-space", "synergy".into());
+            option("--synergy", synergy.into());
+            option("--components", numbers.components.to_string().into());
+        }
+        let settings = SettingsArgs { assignments: self.assignments(), ..self.settings.clone() };
+        arguments.extend(settings.arguments());
         arguments
     }
 }
@@ -171,7 +205,8 @@ fn names<'a>(reproduction: &'a Reproduction, endings: &[Ending], chosen: impl Fn
 }
 
 fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
-    let Reproduction { directory, hand, config, members, .. } = reproduction;
+    let Reproduction { directory, config, members, .. } = reproduction;
+    let hand = &reproduction.hand.manifest.name;
     let count = |chosen: fn(&State) -> bool| members.iter().filter(|member| chosen(&member.state)).count();
     let complete = count(|state| *state == State::Complete);
     let interrupted = count(|state| matches!(state, State::Interrupted { .. }));

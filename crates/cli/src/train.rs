@@ -88,7 +88,7 @@ pub struct Args {
 }
 
 /// Options that all commands share that make runs.
-#[derive(clap::Args)]
+#[derive(clap::Args, Clone)]
 pub struct SettingsArgs {
     /// Settings to start from [default: default, or the preset in the configuration file]
     #[arg(long, value_name = "NAME", value_parser = preset_parser())]
@@ -337,6 +337,14 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
         let rate = percent(summary.success_with_components[k]);
         let note = if k == 0 { " (a constant command)" } else { "" };
         line(if i == 0 { "driven" } else { "" }, &format!("with {}: {rate}{note}", counted(k as u64, "number")));
+    }
+    if let Some(other) = &summary.other_objects {
+        let with = other.success_with_components.map_or_else(String::new, |rate| {
+            format!(", with {} {}", counted(summary.components, "number"), percent(rate))
+        });
+        let objects = counted(other.success_rate_per_object.len(), "object");
+        let rate = percent(other.success_rate);
+        line("others", &format!("{rate} of {} episodes with {objects} of no training{with}", other.episodes));
     }
     match (summary.contribution_sum, summary.mean_error_rad) {
         (Some(sum), Some(error)) => {

@@ -174,3 +174,39 @@ fn a_wrong_command_line_is_answered_before_anything_is_made() {
         assert!(stderr(&output).contains("is not a run directory"), "{}", stderr(&output));
     }
 }
+
+#[test]
+fn a_study_trains_each_space_after_the_run_that_it_needs() {
+    let place = Place::new();
+    let manifest = format!("{}\n[closing]\nclose = 1\n", gripper::GRIPPER_MANIFEST);
+    std::fs::write(place.path("gripper/hand.toml"), manifest).unwrap();
+    let study = |more: &[&str]| {
+        let others = ["--set", "evaluation.other_objects=[\"sphere\", \"disc\"]", "--set", "evaluation.every=8"];
+        place.reproduce(&[&["--study", "control", "--seeds", "1", "--jobs", "2"], &others[..], more].concat())
+    };
+    let output = study(&[]).output().unwrap();
+    let told = stderr(&output);
+    let order = |first: &str, then: &str| told.find(first).unwrap() < told.find(then).unwrap_or(usize::MAX);
+    assert!(order("joints-s1 is complete", "free-synergy-2-s1 starts"), "{told}");
+    assert!(order("confined-s1 is complete", "random-2-s1 starts"), "{told}");
+    assert!(place.path("all/spaces/closing-1-s1.toml").is_file());
+
+    let listed = json(&std::fs::read(place.path("all/study.json")).unwrap());
+    let names: Vec<&str> =
+        listed["variants"].as_array().unwrap().iter().map(|variant| variant["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["joints", "confined", "free-synergy-2", "synergy-2", "synergy-1", "random-2", "closing-1"]);
+    let others = &place.summary("joints-s1")["other_objects"];
+    assert_eq!((&others["episodes"], others["success_rate_per_object"].as_object().unwrap().len()), (&6.into(), 2));
+    let table = place.text("all/report/runs.csv");
+    assert!(
+        table.starts_with("variant,seed,run,state,") && table.contains("\nclosing-1,1,closing-1-s1,complete,"),
+        "{table}"
+    );
+    assert!(place.text("all/report/index.html").contains("all closing joints together"));
+
+    // `report` knows a study by its directory.
+    let again = status(&mut place.eigenhand(&["report", "all", "--json"]), 0);
+    assert_eq!(json(&again.stdout)["variants"].as_array().unwrap().len(), names.len());
+    let output = status(&mut study(&["--lambda", "0"]), 2);
+    assert!(stderr(&output).contains("--lambda"), "{}", stderr(&output));
+}

@@ -96,7 +96,7 @@ pub fn analyse(runs: &[Run]) -> Analysis {
 }
 
 impl RunRecord {
-    fn of(run: &Run) -> RunRecord {
+    pub(crate) fn of(run: &Run) -> RunRecord {
         let summary = run.summary.as_ref();
         let result = run.result();
         let last = |value: fn(&MetricsRow) -> Option<f64>| run.metrics.last().and_then(value);
@@ -119,6 +119,9 @@ impl RunRecord {
             components: run.components,
             success_with_components: result.map(|s| s.success_with_components.clone()).unwrap_or_default(),
             k_for_95: result.and_then(|s| s.k_for_95),
+            other_objects_success_rate: result.and_then(|s| Some(s.other_objects.as_ref()?.success_rate)),
+            other_objects_success_with_components: result
+                .and_then(|s| s.other_objects.as_ref()?.success_with_components),
             contribution: summary.map(|s| s.contribution.clone()).unwrap_or_default(),
             contribution_sum: summary.map_or_else(|| last(|row| row.contribution_sum), |s| s.contribution_sum),
             contribution_change: contribution_change(run),
@@ -127,6 +130,7 @@ impl RunRecord {
             mean_penetration_m: result.and_then(|s| s.mean_penetration_m),
             mean_self_penetration_m: result.and_then(|s| s.mean_self_penetration_m),
             content: result.and_then(|s| s.content.clone()),
+            stress: run.stress.clone(),
             policy_episode: result.map(|s| s.policy_episode),
             reached: LEVELS.iter().map(|level| reached(run, *level)).collect(),
         }
@@ -134,7 +138,7 @@ impl RunRecord {
 }
 
 impl LevelRecord {
-    fn of(group: &[&RunRecord], level: usize) -> LevelRecord {
+    pub(crate) fn of(group: &[&RunRecord], level: usize) -> LevelRecord {
         let reached: Vec<Option<Reached>> = group.iter().map(|run| run.reached.get(level).copied().flatten()).collect();
         // A run that never reached the level counts as slower than all that did.
         let middle = |value: fn(Reached) -> f64| {

@@ -1,5 +1,5 @@
-//! A report on finished and unfinished runs: statistics across seeds for each lambda, figures with their numbers, and
-//! one self-contained HTML page.
+//! A report on finished and unfinished runs: statistics across seeds for each lambda or each variant of a study, figures
+//! with their numbers, and one self-contained HTML page.
 #![forbid(unsafe_code)]
 
 mod analysis;
@@ -16,6 +16,7 @@ mod records;
 mod run;
 mod statements;
 mod stats;
+mod study;
 mod tables;
 mod write;
 
@@ -28,4 +29,5 @@ pub use records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord,
 pub use run::{Run, read_runs};
 pub use statements::counted;
 pub use stats::{Bootstrap, Contrast, Estimate, Verdict, interquartile_mean, median, quantile};
-pub use write::{Report, write};
+pub use study::{Study, StudyAnalysis, StudyDifference, StudyRun, VariantRecord};
+pub use write::{Report, StudyReport, write, write_study};

@@ -96,6 +96,7 @@ pub fn interrupted(lambda: f64, seed: u64) -> Run {
             eval_successes: None,
             components: 5,
             success_with_components: Vec::new(),
+            other_objects: None,
             k_for_95: None,
             mean_penetration_m: None,
             mean_self_penetration_m: None,
@@ -113,6 +114,7 @@ pub fn interrupted(lambda: f64, seed: u64) -> Run {
             stopped_by: StoppedBy::Interrupt,
         }),
         is_earlier: false,
+        stress: None,
         metrics: (1..=12).map(row).collect(),
         errors: Vec::new(),
     }

@@ -2,6 +2,7 @@
 
 mod content;
 mod few_numbers;
+mod stress;
 
 use eigenhand_train::config::Settings;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
@@ -17,7 +18,36 @@ const STYLE: &str = include_str!("page.css");
 
 /// Renders the page.
 pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
-    let title = title(analysis);
+    document(
+        &title(analysis),
+        &html! {
+            p.soft { (subtitle(analysis)) }
+            (notes(&analysis.notes))
+            h2 { "Results" }
+            @for figure in figures.iter().filter(|figure| figure.name == FEW_NUMBERS) { (drawing(figure)) }
+            @if analysis.statements.is_empty() { p { "No run is complete yet." } }
+            ul { @for statement in &analysis.statements { li { (statement) } } }
+            (few_numbers::table(analysis))
+            (lambda_table(analysis))
+            (differences_table(analysis))
+            (content::section(analysis))
+            (stress::section(analysis))
+            h2 { "Figures" }
+            @for figure in figures.iter().filter(|figure| figure.name != FEW_NUMBERS) { (drawing(figure)) }
+            (objects_table(analysis))
+            (levels_table(analysis))
+            h2 { "Runs" }
+            (runs_table(analysis))
+            h2 { "Settings" }
+            (settings(runs))
+            h2 { "How it is computed" }
+            (method())
+        },
+    )
+}
+
+/// Returns a self-contained page with a title and a content.
+pub(crate) fn document(title: &str, content: &Markup) -> String {
     html! {
         (DOCTYPE)
         html lang="en" {
@@ -27,36 +57,18 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
                 title { (title) }
                 style { (PreEscaped(STYLE)) }
             }
-            body {
-                main {
-                    h1 { (title) }
-                    p.soft { (subtitle(analysis)) }
-                    @if !analysis.notes.is_empty() {
-                        div.notes { ul { @for note in &analysis.notes { li { (note) } } } }
-                    }
-                    h2 { "Results" }
-                    @for figure in figures.iter().filter(|figure| figure.name == FEW_NUMBERS) { (drawing(figure)) }
-                    @if analysis.statements.is_empty() { p { "No run is complete yet." } }
-                    ul { @for statement in &analysis.statements { li { (statement) } } }
-                    (few_numbers::table(analysis))
-                    (lambda_table(analysis))
-                    (differences_table(analysis))
-                    (content::section(analysis))
-                    h2 { "Figures" }
-                    @for figure in figures.iter().filter(|figure| figure.name != FEW_NUMBERS) { (drawing(figure)) }
-                    (objects_table(analysis))
-                    (levels_table(analysis))
-                    h2 { "Runs" }
-                    (runs_table(analysis))
-                    h2 { "Settings" }
-                    (settings(runs))
-                    h2 { "How it is computed" }
-                    (method())
-                }
-            }
+            body { main { h1 { (title) } (content) } }
         }
     }
     .into_string()
+}
+
+pub(crate) fn notes(notes: &[String]) -> Markup {
+    html! {
+        @if !notes.is_empty() {
+            div.notes { ul { @for note in notes { li { (note) } } } }
+        }
+    }
 }
 
 fn title(analysis: &Analysis) -> String {
@@ -73,7 +85,7 @@ fn subtitle(analysis: &Analysis) -> String {
     )
 }
 
-fn drawing(figure: &Figure) -> Markup {
+pub(crate) fn drawing(figure: &Figure) -> Markup {
     // The XML declaration before the first tag is left out, because the page declares its own encoding.
     let svg = figure.svg.find("<svg").map_or("", |start| &figure.svg[start..]);
     html! {
@@ -84,7 +96,7 @@ fn drawing(figure: &Figure) -> Markup {
     }
 }
 
-fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
+pub(crate) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
     html! {
         div.scroll {
             table {
@@ -95,12 +107,12 @@ fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
     }
 }
 
-fn words(cells: &[&str]) -> Vec<String> {
+pub(crate) fn words(cells: &[&str]) -> Vec<String> {
     cells.iter().map(|cell| (*cell).to_owned()).collect()
 }
 
 /// `93.1 (91.0 to 95.2)`
-fn estimate(estimate: Option<&Estimate>, factor: f64, digits: usize) -> String {
+pub(crate) fn estimate(estimate: Option<&Estimate>, factor: f64, digits: usize) -> String {
     let number = |value: f64| format!("{:.digits$}", factor * value);
     match estimate {
         None => "-".to_owned(),
@@ -111,7 +123,7 @@ fn estimate(estimate: Option<&Estimate>, factor: f64, digits: usize) -> String {
     }
 }
 
-fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
+pub(crate) fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", factor * value))
 }
 
@@ -119,6 +131,7 @@ fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
 fn quantity(quantity: Quantity, components: Option<usize>) -> (String, f64, usize) {
     let (name, factor, digits) = match quantity {
         Quantity::SuccessRate => ("final success (%)", 100.0, 1),
+        Quantity::OtherObjects => ("success with other objects (%)", 100.0, 1),
         Quantity::SuccessWithComponents => return (configured(components), 100.0, 1),
         Quantity::SuccessWithOne => ("success with 1 number (%)", 100.0, 1),
         Quantity::SuccessWithTwo => ("success with 2 numbers (%)", 100.0, 1),
@@ -218,7 +231,7 @@ fn differences_table(analysis: &Analysis) -> Markup {
     }
 }
 
-fn supported(verdict: Verdict) -> &'static str {
+pub(crate) fn supported(verdict: Verdict) -> &'static str {
     match verdict {
         Verdict::Greater => "yes, greater",
         Verdict::Smaller => "yes, smaller",
@@ -328,7 +341,7 @@ fn settings(runs: &[Run]) -> Markup {
     }
 }
 
-fn common_table(settings: &Settings) -> Markup {
+pub(crate) fn common_table(settings: &Settings) -> Markup {
     html! {
         div.scroll {
             table {
@@ -339,7 +352,7 @@ fn common_table(settings: &Settings) -> Markup {
 }
 
 /// One row for all runs with the same versions, machine and hand.
-fn provenance(runs: &[Run]) -> Markup {
+pub(crate) fn provenance(runs: &[Run]) -> Markup {
     let header = words(&["runs", "program", "revision", "MuJoCo", "platform", "processors", "hand's digest"]);
     let start = |text: &str| text.chars().take(12).collect::<String>();
     let mut rows: Vec<Vec<String>> = Vec::new();

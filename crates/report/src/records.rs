@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use eigenhand_synergy::Content;
+use eigenhand_train::Stress;
 use serde::Serialize;
 
 use crate::few_numbers::FewNumbers;
@@ -61,6 +62,10 @@ pub struct RunRecord {
     pub success_with_components: Vec<f64>,
     /// The fewest numbers whose success is within 5 points of all joints.
     pub k_for_95: Option<usize>,
+    /// Success rate with objects of no training; none without such objects.
+    pub other_objects_success_rate: Option<f64>,
+    /// The same when as many numbers as configured command the hand.
+    pub other_objects_success_with_components: Option<f64>,
     /// Contribution rate of each component.
     pub contribution: Vec<f64>,
     /// Sum of the contribution rates.
@@ -77,6 +82,8 @@ pub struct RunRecord {
     pub mean_self_penetration_m: Option<f64>,
     /// What that evaluation's grasps hold; none if an earlier version trained the run, or if its success is too low.
     pub content: Option<Content>,
+    /// What its grasps endure; none before `eval --stress`.
+    pub stress: Option<Stress>,
     /// Training episodes before the run's policy.
     pub policy_episode: Option<u64>,
     /// First evaluation that reached each of [`LEVELS`].
@@ -154,6 +161,8 @@ pub struct DifferenceRecord {
 pub enum Quantity {
     /// Success rate of the final evaluation.
     SuccessRate,
+    /// Success rate with the objects of no training.
+    OtherObjects,
     /// Success rate of the same episodes when as many numbers as configured command the hand.
     SuccessWithComponents,
     /// The same with one number.
@@ -178,9 +187,10 @@ pub enum Quantity {
 
 impl Quantity {
     /// Quantities that are estimated for each lambda; the success with each number is in [`FewNumbers`].
-    pub const ALL: [Quantity; 9] = [
+    pub const ALL: [Quantity; 10] = [
         Quantity::SuccessRate,
         Quantity::SuccessWithComponents,
+        Quantity::OtherObjects,
         Quantity::ContributionSum,
         Quantity::ContributionChange,
         Quantity::MeanErrorRad,
@@ -204,6 +214,7 @@ impl Quantity {
     pub fn key(self) -> &'static str {
         match self {
             Quantity::SuccessRate => "success_rate",
+            Quantity::OtherObjects => "other_objects_success_rate",
             Quantity::SuccessWithComponents => "success_with_components",
             Quantity::SuccessWithOne => "success_with_1",
             Quantity::SuccessWithTwo => "success_with_2",
@@ -231,6 +242,7 @@ impl Quantity {
         let with = |k: usize| run.success_with_components.get(k).copied();
         match self {
             Quantity::SuccessRate => run.success_rate,
+            Quantity::OtherObjects => run.other_objects_success_rate,
             Quantity::SuccessWithComponents => with(run.components),
             Quantity::SuccessWithOne => with(1),
             Quantity::SuccessWithTwo => with(2),

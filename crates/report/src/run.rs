@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError, newest};
 use eigenhand_train::config::{ConfigError, Settings};
 use eigenhand_train::{
-    DATABASE, MetricsRow, Provenance, Summary, TrainError, is_run, read_metrics, read_provenance, read_settings,
-    reproduce,
+    DATABASE, MetricsRow, Provenance, Stress, Summary, TrainError, is_run, read_metrics, read_provenance,
+    read_settings, reproduce,
 };
 
 use crate::ReportError;
@@ -37,6 +37,8 @@ pub struct Run {
     /// Whether an earlier version trained the run, so that its results lack success with few numbers, or its postures
     /// cannot be read.
     pub is_earlier: bool,
+    /// What its grasps endure; none before `eval --stress`.
+    pub stress: Option<Stress>,
     /// Its evaluations during training.
     pub metrics: Vec<MetricsRow>,
     /// Approximation error of every posture that its synergy covers, ascending; empty if an earlier version stored them.
@@ -80,6 +82,7 @@ impl Run {
             settings,
             summary,
             is_earlier,
+            stress: Stress::read(path)?,
             metrics,
             errors,
         })

@@ -7,13 +7,13 @@ use eigenhand_train::reproduce::VARIED;
 
 use crate::records::{Analysis, DifferenceRecord, LambdaRecord, Quantity};
 use crate::run::Run;
-use crate::stats::{FEWEST, SIGNIFICANT, Verdict};
+use crate::stats::{Contrast, FEWEST, SIGNIFICANT, Verdict};
 
 /// With fewer runs, a sentence warns that an interval is too narrow.
 const FEW: usize = 10;
 
 /// Name and number format of a quantity.
-struct Words {
+pub(crate) struct Words {
     name: String,
     unit: &'static str,
     factor: f64,
@@ -21,12 +21,13 @@ struct Words {
 }
 
 impl Words {
-    fn of(quantity: Quantity, components: Option<usize>) -> Words {
+    pub(crate) fn of(quantity: Quantity, components: Option<usize>) -> Words {
         let configured = components
             .map_or_else(|| "the configured components".to_owned(), |components| counted(components, "number"));
         let configured = format!("success with {configured}");
         let (name, unit, factor, digits) = match quantity {
             Quantity::SuccessRate => ("final success", "%", 100.0, 1),
+            Quantity::OtherObjects => ("success with other objects", "%", 100.0, 1),
             Quantity::SuccessWithComponents => (configured.as_str(), "%", 100.0, 1),
             Quantity::SuccessWithOne => ("success with 1 number", "%", 100.0, 1),
             Quantity::SuccessWithTwo => ("success with 2 numbers", "%", 100.0, 1),
@@ -61,13 +62,19 @@ impl Words {
 /// Says which conclusion a difference between two lambdas supports; `components` is the number that all runs have
 /// configured.
 pub fn difference(record: &DifferenceRecord, components: Option<usize>) -> String {
-    let words = Words::of(record.quantity, components);
-    let DifferenceRecord { baseline, lambda, contrast, n_runs: [n_baseline, n], .. } = record;
+    let DifferenceRecord { baseline, lambda, contrast, n_runs, .. } = record;
+    let sides = [format!("lambda {baseline}"), format!("lambda {lambda}")];
+    conclusion(&Words::of(record.quantity, components), &sides, *n_runs, contrast)
+}
+
+/// Says which conclusion a difference between two groups of runs supports; `sides` names them.
+pub(crate) fn conclusion(words: &Words, sides: &[String; 2], n_runs: [usize; 2], contrast: &Contrast) -> String {
+    let ([baseline, other], [n_baseline, n]) = (sides, n_runs);
     let size = format!("{} {}", words.signed(contrast.difference), words.unit_of_difference());
     let head = format!(
-        "From lambda {baseline} ({}) to lambda {lambda} ({}), {} differs by {size}",
-        counted(*n_baseline, "run"),
-        counted(*n, "run"),
+        "From {baseline} ({}) to {other} ({}), {} differs by {size}",
+        counted(n_baseline, "run"),
+        counted(n, "run"),
         words.name
     );
     let Some([low, high]) = contrast.interval else {
@@ -84,25 +91,25 @@ pub fn difference(record: &DifferenceRecord, components: Option<usize>) -> Strin
         p => format!("p = {p}"),
     };
     let head = format!("{head}; the 95 % interval, {low} to {high}, {zero}");
-    match record.verdict {
+    match contrast.verdict() {
         Verdict::TooFewForTest => format!(
             "{head}. More seeds are needed: with {n_baseline} against {} the permutation test cannot give a p below \
              {least} (here {p}), and {SIGNIFICANT} or more supports no difference.",
-            counted(*n, "run")
+            counted(n, "run")
         ),
-        Verdict::Greater => format!(
-            "{head}, and the permutation test gives {p}: these runs support that it is greater with lambda {lambda}."
-        ),
-        Verdict::Smaller => format!(
-            "{head}, and the permutation test gives {p}: these runs support that it is smaller with lambda {lambda}."
-        ),
+        Verdict::Greater => {
+            format!("{head}, and the permutation test gives {p}: these runs support that it is greater with {other}.")
+        }
+        Verdict::Smaller => {
+            format!("{head}, and the permutation test gives {p}: these runs support that it is smaller with {other}.")
+        }
         Verdict::Open | Verdict::NoInterval => format!(
             "{head}, and the permutation test gives {p}: these runs do not show a difference, and do not show that \
              there is none."
         ),
         Verdict::Disagree if contrast.is_significant() && contrast.excludes_zero() == Some(true) => format!(
             "{head}, and the permutation test gives {p}, but the interquartile means and the means differ in \
-             opposite directions: these runs do not settle which lambda is greater."
+             opposite directions: these runs do not settle which of the two is greater."
         ),
         Verdict::Disagree => format!(
             "{head}, but the permutation test gives {p}, {} {SIGNIFICANT}. The two disagree, so these runs do not \

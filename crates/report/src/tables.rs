@@ -38,6 +38,8 @@ pub fn runs(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
         "components",
         "k_for_95",
         "mean_self_penetration_m",
+        "other_objects_success_rate",
+        "other_objects_success_with_components",
     ]
     .map(str::to_owned)
     .to_vec();
@@ -71,6 +73,8 @@ pub fn runs(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
             run.components.to_string(),
             run.k_for_95.map(|k| k.to_string()).unwrap_or_default(),
             number(run.mean_self_penetration_m),
+            number(run.other_objects_success_rate),
+            number(run.other_objects_success_with_components),
         ];
         row.extend((0..n_components).map(|i| number(run.contribution.get(i).copied())));
         row.extend((0..n_few).map(|k| number(run.success_with_components.get(k).copied())));
@@ -109,7 +113,11 @@ pub fn lambdas(analysis: &Analysis) -> Result<Vec<u8>, ReportError> {
     write(LAMBDAS, &header.map(str::to_owned), rows)
 }
 
-fn write(name: &str, header: &[String], rows: impl IntoIterator<Item = Vec<String>>) -> Result<Vec<u8>, ReportError> {
+pub(crate) fn write(
+    name: &str,
+    header: &[String],
+    rows: impl IntoIterator<Item = Vec<String>>,
+) -> Result<Vec<u8>, ReportError> {
     let failed = ReportError::draw(name);
     let mut writer = csv::Writer::from_writer(Vec::new());
     writer.write_record(header).map_err(|error| failed(error.to_string()))?;

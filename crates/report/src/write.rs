@@ -4,11 +4,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use eigenhand_files::{cannot, create_directory, write_atomically};
+use serde::Serialize;
 
 use crate::analysis::analyse;
-use crate::figures::{self, render_png};
+use crate::figures::{self, Figure, render_png};
 use crate::records::Analysis;
 use crate::run::Run;
+use crate::study::{self, Study, StudyAnalysis};
 use crate::{ReportError, page, tables};
 
 /// Name of the page.
@@ -31,6 +33,15 @@ pub struct Report {
     pub analysis: Analysis,
 }
 
+/// A study's report that was written.
+#[derive(Clone, Debug)]
+pub struct StudyReport {
+    /// Its page.
+    pub page: PathBuf,
+    /// Its results.
+    pub analysis: StudyAnalysis,
+}
+
 /// Writes a report on runs into a directory that is new, empty, or holds an earlier report.
 ///
 /// Everything is computed and drawn before the first file is written.
@@ -41,25 +52,50 @@ pub fn write(runs: &[Run], out: &Path) -> Result<Report, ReportError> {
     check_out(out)?;
     let analysis = analyse(runs);
     let figures = figures::all(runs, &analysis)?;
+    let page = page::render(runs, &analysis, &figures);
+    let tables = vec![(tables::RUNS, tables::runs(&analysis)?), (tables::LAMBDAS, tables::lambdas(&analysis)?)];
+    write_files(out, page, &analysis, tables, &figures)?;
+    Ok(Report { directory: out.to_owned(), page: out.join(PAGE), analysis })
+}
+
+/// Writes a study's report into a directory that is new, empty, or holds an earlier report.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_study(study: &Study, out: &Path) -> Result<StudyReport, ReportError> {
+    check_out(out)?;
+    let analysis = study::analyse(study);
+    let figures = study::figures(study)?;
+    let page = study::render(study, &analysis, &figures);
+    write_files(out, page, &analysis, vec![(tables::RUNS, study::table(&analysis)?)], &figures)?;
+    Ok(StudyReport { page: out.join(PAGE), analysis })
+}
+
+/// Writes page, results, tables and figures.
+fn write_files(
+    out: &Path,
+    page: String,
+    analysis: &impl Serialize,
+    tables: Vec<(&str, Vec<u8>)>,
+    figures: &[Figure],
+) -> Result<(), ReportError> {
     let mut files: BTreeMap<PathBuf, Vec<u8>> = BTreeMap::new();
-    for figure in &figures {
+    for figure in figures {
         let path = |extension: &str| out.join(FIGURES).join(format!("{}.{extension}", figure.name));
         files.insert(path("svg"), figure.svg.clone().into_bytes());
         files.insert(path("png"), render_png(&figure.name, &figure.svg)?);
         files.insert(path("csv"), figure.csv.clone());
     }
-    let json = serde_json::to_vec_pretty(&analysis)
+    let json = serde_json::to_vec_pretty(analysis)
         .map_err(|error| ReportError::Draw { name: JSON.to_owned(), reason: error.to_string() })?;
     files.insert(out.join(JSON), json);
-    files.insert(out.join(tables::RUNS), tables::runs(&analysis)?);
-    files.insert(out.join(tables::LAMBDAS), tables::lambdas(&analysis)?);
-    files.insert(out.join(PAGE), page::render(runs, &analysis, &figures).into_bytes());
+    files.extend(tables.into_iter().map(|(name, bytes)| (out.join(name), bytes)));
+    files.insert(out.join(PAGE), page.into_bytes());
     create_directory(&out.join(FIGURES))?;
     for (path, bytes) in &files {
         write_atomically(path, bytes)?;
     }
-    remove_stale(&out.join(FIGURES), &files)?;
-    Ok(Report { directory: out.to_owned(), page: out.join(PAGE), analysis })
+    remove_stale(&out.join(FIGURES), &files)
 }
 
 fn check_out(out: &Path) -> Result<(), ReportError> {

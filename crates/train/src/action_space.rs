@@ -76,6 +76,9 @@ impl SynergySpace {
 
     fn read(path: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) -> Result<SynergySpace, TrainError> {
         let wrong = |reason: String| TrainError::ActionSpace { path: path.to_owned(), reason };
+        if path.is_dir() {
+            return Err(wrong("it holds no control synergy: a run has one once its policy has succeeded".to_owned()));
+        }
         let file = SynergyFile::read(path).map_err(|error| wrong(error.to_string()))?;
         let actuators = HandActuators::of(hand, task);
         if file.space != Space::Commands {

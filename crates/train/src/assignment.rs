@@ -22,6 +22,8 @@ pub struct Assignment {
     pub hand: Hand,
     /// Its task.
     pub task: Arc<GraspTask>,
+    /// The same with the objects that only its final evaluation sees, if there are any.
+    pub other_task: Option<Arc<GraspTask>>,
     /// The synergy in which its policy acts; none if the policy commands every actuator.
     pub space: Option<SynergySpace>,
     /// Its directory.

@@ -15,7 +15,8 @@ use crate::metrics::TRUSTED;
 use crate::motion::motions;
 use crate::products::{ControlProduct, Products, write_products};
 use crate::progress::Progress;
-use crate::summary::{StoppedBy, Summary};
+use crate::rollout::WorkerPool;
+use crate::summary::{OtherObjects, StoppedBy, Summary};
 use crate::trainer::Trainer;
 
 impl Trainer {
@@ -49,6 +50,7 @@ impl Trainer {
         let space = control_space(&actuators.coordinates, &motions, most)?;
         let mut evaluation = None;
         let mut success_with_components = Vec::new();
+        let mut other_objects = None;
         if complete {
             let episodes = self.assignment.config.evaluation.final_episodes;
             evaluation = Some(self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?);
@@ -59,6 +61,7 @@ impl Trainer {
                 success_with_components =
                     driver.measure_each(&mut self.pool, config.seed, EvaluationStream::Final, episodes)?;
             }
+            other_objects = self.evaluate_other_objects(&policy, space.as_ref())?;
         }
         let wall_s = self.wall_s();
         let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
@@ -117,6 +120,7 @@ impl Trainer {
             components: config.synergy.components,
             k_for_95: success_rate.and_then(|all| fewest_components(&success_with_components, all)),
             success_with_components,
+            other_objects,
             mean_penetration_m: evaluation.map(|e| e.mean_penetration),
             mean_self_penetration_m: evaluation.and_then(|e| e.mean_self_penetration),
             policy_episode,
@@ -134,6 +138,29 @@ impl Trainer {
         };
         summary.write(run.path())?;
         Ok(summary)
+    }
+
+    /// Evaluates a policy on `evaluation.other_objects`; none if there are none.
+    fn evaluate_other_objects(
+        &self,
+        policy: &Policy,
+        space: Option<&Synergy>,
+    ) -> Result<Option<OtherObjects>, TrainError> {
+        let Assignment { config, other_task, .. } = &self.assignment;
+        let Some(task) = other_task else { return Ok(None) };
+        let mut pool = WorkerPool::new(task, config.worker_count())?;
+        let (seed, stream, episodes) = (config.seed, EvaluationStream::Final, config.evaluation.final_episodes);
+        let found = evaluate(&mut pool, task, policy, seed, stream, 0..episodes)?;
+        let with_components = space.map(|space| {
+            let driver = Driver { task, policy, actuators: &self.control.actuators, space, free_steps: 0 };
+            driver.measure(&mut pool, config.synergy.components, seed, stream, episodes, false)
+        });
+        Ok(Some(OtherObjects {
+            episodes: found.all.episodes,
+            success_rate: found.success_rate(),
+            success_rate_per_object: found.success_rate_per_object(),
+            success_with_components: with_components.transpose()?.map(|driven| driven.success_rate),
+        }))
     }
 
     /// Returns the motions that the exported control synergy describes: those of the run's policy on episodes of their own.

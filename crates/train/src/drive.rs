@@ -161,7 +161,7 @@ impl Driver<'_> {
 }
 
 /// Returns `k` orthonormal rows of `n` numbers, uniformly distributed over all directions.
-fn random_rows(k: usize, n: usize, random: &mut impl Rng) -> Vec<f64> {
+pub(crate) fn random_rows(k: usize, n: usize, random: &mut impl Rng) -> Vec<f64> {
     let mut rows: Vec<f64> = Vec::with_capacity(k * n);
     while rows.len() < k * n {
         let mut row: Vec<f64> = (0..n).map(|_| StandardNormal.sample(random)).collect();

@@ -25,7 +25,7 @@ use crate::provenance::Provenance;
 use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
 use crate::summary::Summary;
-use crate::task::task_of;
+use crate::task::{task_of, task_with_objects};
 
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
 const SCENE_KEYS: [&str; 10] = [
@@ -263,9 +263,7 @@ fn task_with_known_ids(run: &Path, config: &RunConfig, hand: &Hand) -> Result<Ar
         return task_of(config, hand, &library);
     }
     let known = GraspTask::new(&library, hand, &trained.setting())?;
-    let mut task = GraspTask::new(&library, hand, &config.setting())?;
-    task.take_ids_from(&known);
-    Ok(Arc::new(task))
+    task_with_objects(&config.objects, config, hand, &library, &known)
 }
 
 fn read_policy(run: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) -> Result<Policy, TrainError> {

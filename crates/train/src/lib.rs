@@ -58,7 +58,7 @@ pub use rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape, run
 pub use run_dir::{DATABASE, RunDirectory, is_run, read_config, read_provenance, read_settings};
 pub use status::{STATUS, read_status};
 pub use stress::{Disturbance, Stress, StressRow};
-pub use summary::{StoppedBy, Summary};
+pub use summary::{OtherObjects, StoppedBy, Summary};
 pub use task::{actuation_map, task_of};
 pub use threads::learning_threads;
 pub use trainer::Trainer;

@@ -21,7 +21,7 @@ use crate::progress::Progress;
 use crate::provenance::Provenance;
 use crate::run_dir::{CONFIG, RunDirectory, read_provenance};
 use crate::summary::Summary;
-use crate::task::task_of;
+use crate::task::{other_task_of, task_of};
 use crate::trainer::Trainer;
 
 /// Request for a new run. A field that is absent keeps the value of the layer below.
@@ -122,6 +122,7 @@ impl Launch {
         let (config, hand) = resolve(request)?;
         let library = MuJoCo::load()?;
         let task = task_of(&config, &hand, &library)?;
+        let other_task = other_task_of(&config, &hand, &library, &task)?;
         let space = SynergySpace::of(&config, &hand, &task)?;
         let provenance = Provenance::collect(&hand, &library);
         let run = RunDirectory::create(request.out.as_deref(), &config, &provenance)?;
@@ -130,7 +131,7 @@ impl Launch {
         }
         let log = RunLog::start(run.path())?;
         let mut plan = Plan::of(&config, &hand, &library, run.path());
-        let trainer = Trainer::create(Assignment { config, provenance, hand, task, space, run })?;
+        let trainer = Trainer::create(Assignment { config, provenance, hand, task, other_task, space, run })?;
         plan.episodes_done = trainer.counters.episodes;
         Ok(Launch { plan, trainer, _log: log })
     }
@@ -156,10 +157,11 @@ impl Launch {
         })?;
         let library = MuJoCo::load()?;
         let task = task_of(&config, &hand, &library)?;
+        let other_task = other_task_of(&config, &hand, &library, &task)?;
         let log = RunLog::start(run.path())?;
         let mut plan = Plan::of(&config, &hand, &library, run.path());
         let space = SynergySpace::resume(run.path(), &config, &hand, &task)?;
-        let trainer = Trainer::resume(Assignment { config, provenance, hand, task, space, run })?;
+        let trainer = Trainer::resume(Assignment { config, provenance, hand, task, other_task, space, run })?;
         plan.episodes_done = trainer.counters.episodes;
         if plan.episodes < plan.episodes_done {
             return Err(TrainError::Option {

@@ -2,15 +2,17 @@
 
 use std::collections::VecDeque;
 use std::ops::Range;
+use std::path::Path;
 use std::sync::Arc;
 
+use eigenhand_files::{cannot, write_atomically};
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::rng;
 use eigenhand_sim::{Factors, GraspEnv, GraspTask, Setting};
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::assessment::wilson_interval;
 use crate::error::TrainError;
@@ -31,8 +33,11 @@ const NOISES: [(f64, f64); 2] = [(1.0, 5.0), (2.0, 10.0)];
 const DELAYS: [usize; 2] = [1, 2];
 const STIFFNESSES: [f64; 2] = [0.7, 1.3];
 
+/// Name of the file in a run directory.
+const STRESS: &str = "stress.json";
+
 /// Success of a policy in the same episodes, with one thing changed in each row.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stress {
     /// Episodes of each row.
     pub episodes: u64,
@@ -43,16 +48,47 @@ pub struct Stress {
 }
 
 /// Success with one thing changed.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StressRow {
     /// What is changed.
-    pub group: &'static str,
+    pub group: String,
     /// To what, with its unit; empty if nothing is.
     pub change: String,
     /// Share of the episodes that succeeded.
     pub success_rate: f64,
     /// 95 % interval of that share.
     pub interval: [f64; 2],
+}
+
+impl Stress {
+    /// Reads what was measured of the run in a directory; none if nothing was.
+    ///
+    /// # Errors
+    /// [`TrainError::File`], or [`TrainError::Damaged`] for a file that is no such table.
+    pub fn read(run: &Path) -> Result<Option<Stress>, TrainError> {
+        let path = run.join(STRESS);
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(cannot("read", &path)(error).into()),
+        };
+        serde_json::from_str(&text).map(Some).map_err(|error| TrainError::Damaged {
+            path,
+            reason: error.to_string(),
+            mend: format!("write it again with: eval {} --stress", run.display()),
+        })
+    }
+
+    /// Writes the table into the directory of its run, where a report finds it.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn write(&self, run: &Path) -> Result<(), TrainError> {
+        let path = run.join(STRESS);
+        let text = serde_json::to_string_pretty(self)
+            .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+        Ok(write_atomically(&path, format!("{text}\n").as_bytes())?)
+    }
 }
 
 /// What disturbs an episode. Its random numbers come from streams of their own.
@@ -212,7 +248,7 @@ impl FinishedRun {
             }))?;
             let Tally { episodes: counted, successes } = Tally::of(pool.collect()?.iter());
             let row = StressRow {
-                group: case.group,
+                group: case.group.to_owned(),
                 change: case.change,
                 success_rate: Tally { episodes: counted, successes }.rate(),
                 interval: wilson_interval(successes, counted),
@@ -236,8 +272,6 @@ impl FinishedRun {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
-
     use eigenhand_hands::Hand;
     use eigenhand_rl::{ActorChoice, Ddpg, Dimensions};
 

@@ -69,6 +69,8 @@ pub struct Summary {
     pub success_with_components: Vec<f64>,
     /// The fewest numbers whose success is within 5 points of `success_rate`.
     pub k_for_95: Option<usize>,
+    /// Success with the objects of `evaluation.other_objects`, on which the policy was not trained.
+    pub other_objects: Option<OtherObjects>,
     /// Deepest penetration between object and hand, averaged over the final evaluation's successes, in m.
     pub mean_penetration_m: Option<f64>,
     /// The same between two geoms of the hand; none without `physics.self_collision`.
@@ -97,6 +99,19 @@ pub struct Summary {
     pub mujoco_version: String,
     /// Why the run ended.
     pub stopped_by: StoppedBy,
+}
+
+/// Success with objects that no training episode had.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct OtherObjects {
+    /// Episodes; the objects take turns.
+    pub episodes: u64,
+    /// Share of them that succeeded.
+    pub success_rate: f64,
+    /// Success rate with each object.
+    pub success_rate_per_object: BTreeMap<String, f64>,
+    /// Success rate of the same episodes when as many numbers as configured command the hand.
+    pub success_with_components: Option<f64>,
 }
 
 impl Summary {

@@ -98,7 +98,7 @@ impl Trainer {
         checkpoints: Checkpoints,
         counters: Counters,
     ) -> Result<Trainer, TrainError> {
-        let Assignment { config, provenance, hand, task, space, run } = &assignment;
+        let Assignment { config, provenance, hand, task, space, run, .. } = &assignment;
         let shape = episode_shape(task);
         let exploration = exploration_of(config, hand, task, space.as_ref())?;
         let journal = Journal::open(run, config, provenance, counters.episodes)?;

@@ -25,9 +25,9 @@ struct Panel {
 
 /// Draws a figure for each lambda, and one with all of them.
 pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
-    let panels: Vec<(f64, Panel)> = groups
+    let panels: Vec<(&str, Panel)> = groups
         .iter()
-        .map(|group| (group.lambda, Panel::of(group)))
+        .map(|group| (group.key.as_str(), Panel::of(group)))
         .filter(|(_, panel)| !panel.success.points.is_empty())
         .collect();
     let end = panels.iter().filter_map(|(_, panel)| panel.success.end()).fold(1.0, f64::max);
@@ -39,7 +39,7 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
             name,
             format!("Contribution rates and success, \u{3bb} = {lambda}"),
             svg,
-            &[(*lambda, panel)],
+            &[(lambda, panel)],
         )?);
     }
     if panels.len() > 1 {
@@ -50,13 +50,13 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
             let areas = area.split_evenly((rows, columns));
             areas.iter().zip(&panels).try_for_each(|(area, (_, panel))| panel.draw(area, end, true))
         })?;
-        let all: Vec<(f64, &Panel)> = panels.iter().map(|(lambda, panel)| (*lambda, panel)).collect();
+        let all: Vec<(&str, &Panel)> = panels.iter().map(|(lambda, panel)| (*lambda, panel)).collect();
         figures.insert(0, figure(name, "Contribution rates and success, side by side".to_owned(), svg, &all)?);
     }
     Ok(figures)
 }
 
-fn figure(name: String, title: String, svg: String, panels: &[(f64, &Panel)]) -> Result<Figure, ReportError> {
+fn figure(name: String, title: String, svg: String, panels: &[(&str, &Panel)]) -> Result<Figure, ReportError> {
     let caption = "Bars: contribution rate of each principal component at that time, the first component at the bottom \
                    (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
                    lowest run to the highest.";
@@ -72,7 +72,7 @@ impl Panel {
         };
         let components = group.runs.iter().map(|run| run.components).max().unwrap_or(0);
         Panel {
-            label: group.label(),
+            label: group.label.clone(),
             success: band(&|row| row.success_rate),
             rates: (0..components).map(|i| band(&|row| row.contribution.get(i).copied().flatten())).collect(),
             sum: band(&|row| row.contribution_sum),
@@ -125,7 +125,7 @@ impl Panel {
         if least.is_finite() { least } else { self.success.end().unwrap_or(1.0) }
     }
 
-    fn numbers(name: &str, panels: &[(f64, &Panel)]) -> Result<Vec<u8>, ReportError> {
+    fn numbers(name: &str, panels: &[(&str, &Panel)]) -> Result<Vec<u8>, ReportError> {
         let quantities = |panel: &Panel| {
             let rates =
                 panel.rates.iter().enumerate().map(|(i, band)| (format!("contribution_{}", i + 1), band.clone()));
@@ -139,7 +139,7 @@ impl Panel {
                 band.points.into_iter().map(move |p| {
                     let quantity = Cell::Text(quantity.clone());
                     vec![
-                        (*lambda).into(),
+                        Cell::Text((*lambda).to_owned()),
                         quantity,
                         p.x.into(),
                         p.median.into(),

@@ -21,6 +21,8 @@ type Number = fn(&MetricsRow) -> Option<f64>;
 
 /// Description of a figure with curves.
 struct Plot {
+    /// What a group is, as a column of the figure's table.
+    group_column: &'static str,
     name: &'static str,
     title: &'static str,
     caption: &'static str,
@@ -55,6 +57,7 @@ const BAND: &str = "Line: median over the runs; band: from the lowest run to the
 /// Draws success, contribution and error along training, and the distribution of the error.
 pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     let along = |name, title, y_name, y: Number, scale: f64, y_digits, top| Plot {
+        group_column: "lambda",
         name,
         title,
         caption: BAND,
@@ -139,6 +142,38 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     Ok(figures)
 }
 
+/// Draws success along training for groups of a study.
+///
+/// # Errors
+/// [`ReportError::Draw`].
+pub(crate) fn learning_curves(
+    name: &'static str,
+    title: &'static str,
+    groups: &[Group<'_>],
+) -> Result<Option<Figure>, ReportError> {
+    let plot = Plot {
+        group_column: "variant",
+        name,
+        title,
+        caption: BAND,
+        x_name: "training episodes",
+        x_column: "episode",
+        x: |row| Some(row.episode as f64),
+        y_name: "success rate (%)",
+        y: |row| row.success_rate,
+        beside: None,
+        scale: (1.0, 100.0),
+        y_digits: 0,
+        top: Some(100.0),
+        marked: true,
+    };
+    let band = |group: &Group<'_>| {
+        let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve(plot.x, plot.y)).collect();
+        Band::at_common_points(&curves)
+    };
+    plot.figure(groups, &groups.iter().map(band).collect::<Vec<_>>(), &[])
+}
+
 /// Draws the distribution of the error: the share of postures with at most this error.
 fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
     let reach = |errors: &Vec<f64>| quantile(errors, SHOWN);
@@ -156,6 +191,7 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
         Band::at_common_points(&filled.iter().map(curve).collect::<Vec<_>>())
     };
     let plot = Plot {
+        group_column: "lambda",
         name: "error-distribution",
         title: "Distribution of the approximation error",
         caption: "Share of postures whose distance from the run's synergy is at most e, among the postures that the synergy \
@@ -182,7 +218,7 @@ impl Plot {
             return Ok(None);
         }
         let columns = self.beside.as_ref().map(|beside| beside.columns);
-        let mut header = vec!["lambda", self.x_column, "median", "min", "max", "n_runs"];
+        let mut header = vec![self.group_column, self.x_column, "median", "min", "max", "n_runs"];
         if columns.is_some() {
             header.insert(1, "quantity");
         }
@@ -190,8 +226,8 @@ impl Plot {
         for (i, bands) in [bands, beside].into_iter().enumerate() {
             for (group, band) in groups.iter().zip(bands) {
                 rows.extend(band.points.iter().map(|p| {
-                    let numbers = [group.lambda, p.x, p.median, p.min, p.max, p.n_runs as f64];
-                    let mut row: Vec<Cell> = numbers.map(Cell::from).into();
+                    let mut row = vec![Cell::Text(group.key.clone())];
+                    row.extend([p.x, p.median, p.min, p.max, p.n_runs as f64].map(Cell::from));
                     if let Some(columns) = columns {
                         row.insert(1, Cell::Text(columns[i].to_owned()));
                     }
@@ -213,7 +249,7 @@ impl Plot {
             .iter()
             .enumerate()
             .filter(|(i, _)| !bands[*i].points.is_empty())
-            .map(|(i, group)| (Key::Series(i), group.label()))
+            .map(|(i, group)| (Key::Series(i), group.label.clone()))
             .collect();
         entries.extend(self.beside.iter().map(|beside| (Key::Dashed, beside.label.to_owned())));
         let rest = head(area, self.title, &entries)?;

@@ -14,6 +14,7 @@ use crate::run::Run;
 
 pub use canvas::render_png;
 pub use few_numbers::NAME as FEW_NUMBERS;
+pub(crate) use lines::learning_curves;
 
 /// A figure.
 #[derive(Clone, Debug)]
@@ -30,19 +31,14 @@ pub struct Figure {
     pub csv: Vec<u8>,
 }
 
-/// The runs of one lambda.
+/// Runs that differ in their seed alone: those of a lambda, or of a variant of a study.
 pub(crate) struct Group<'a> {
-    /// How far training confined the policy to its synergy.
-    pub lambda: f64,
+    /// Its name in the tables of figures.
+    pub key: String,
+    /// Its name in legends.
+    pub label: String,
     /// Its runs.
     pub runs: Vec<&'a Run>,
-}
-
-impl Group<'_> {
-    /// Names the lambda in a legend, with the number of runs.
-    pub fn label(&self) -> String {
-        label(self.lambda, self.runs.len())
-    }
 }
 
 /// `lambda = 1 (5 runs)`
@@ -64,13 +60,15 @@ pub fn all(runs: &[Run], analysis: &Analysis) -> Result<Vec<Figure>, ReportError
 }
 
 fn groups(runs: &[Run]) -> Vec<Group<'_>> {
-    let mut groups: BTreeMap<u64, Group<'_>> = BTreeMap::new();
+    let mut groups: BTreeMap<u64, Vec<&Run>> = BTreeMap::new();
     for run in runs {
         // The bits of numbers of at least 0 have the same order as the numbers.
-        let key = run.lambda.abs().to_bits();
-        groups.entry(key).or_insert_with(|| Group { lambda: run.lambda, runs: Vec::new() }).runs.push(run);
+        groups.entry(run.lambda.abs().to_bits()).or_default().push(run);
     }
-    groups.into_values().collect()
+    groups
+        .into_values()
+        .map(|runs| Group { key: runs[0].lambda.to_string(), label: label(runs[0].lambda, runs.len()), runs })
+        .collect()
 }
 
 /// Writes rows of numbers as CSV; a number that is not finite becomes an empty field.

@@ -173,6 +173,8 @@ pub struct EvaluationConfig {
     pub finalists: usize,
     /// Episodes of this comparison, for each of these policies.
     pub selection_episodes: u64,
+    /// Objects or sets that only the final evaluation sees, beside those of the training.
+    pub other_objects: Vec<String>,
 }
 
 /// The synergy space and its feedback into the learner.

@@ -53,7 +53,8 @@ struct Running<'a> {
 
 /// Trains the runs that are not complete, up to `jobs` at a time, and returns how each member ended, in their order.
 ///
-/// `command` returns the command that trains a member or, depending on its state, resumes it. `stop` counts requests to
+/// `command` returns the command that trains a member or, depending on its state, resumes it. A member that needs
+/// another run starts once that run is complete, and fails if it cannot become complete. `stop` counts requests to
 /// stop: after the first, the processes are interrupted and save; after the second, they are killed.
 ///
 /// # Errors
@@ -63,7 +64,7 @@ pub fn train(
     reproduction: &Reproduction,
     jobs: usize,
     stop: &AtomicUsize,
-    command: &dyn Fn(&Member) -> Command,
+    command: &dyn Fn(&Member) -> Result<Command, TrainError>,
     display: &mut dyn OverviewDisplay,
 ) -> Result<Vec<Ending>, TrainError> {
     let mut session = Session::new(&reproduction.members);
@@ -98,17 +99,18 @@ impl<'a> Session<'a> {
         &mut self,
         jobs: usize,
         stop: &AtomicUsize,
-        command: &dyn Fn(&Member) -> Command,
+        command: &dyn Fn(&Member) -> Result<Command, TrainError>,
         display: &mut dyn OverviewDisplay,
     ) -> Result<(), TrainError> {
         let members = self.members;
-        let mut waiting = members.iter().enumerate().filter(|(_, member)| member.state != State::Complete).peekable();
+        let mut waiting: Vec<(usize, &Member)> =
+            members.iter().enumerate().filter(|(_, member)| member.state != State::Complete).collect();
         let mut heeded = 0;
         let mut read: Option<Instant> = None;
         loop {
             let asked = stop.load(Ordering::Relaxed);
             while asked == 0 && self.running.len() < jobs {
-                let Some((position, member)) = waiting.next() else { break };
+                let Some((position, member)) = self.next_ready(&mut waiting)? else { break };
                 match start(member, position, command) {
                     Ok(running) => {
                         display.note(&format!("{} {}", member.name, verb(member)));
@@ -134,12 +136,48 @@ impl<'a> Session<'a> {
                 display.update(&self.overview());
             }
             self.reap(asked > 0, display)?;
-            if self.running.is_empty() && (asked > 0 || waiting.peek().is_none()) {
+            if self.running.is_empty() && (asked > 0 || waiting.is_empty()) {
                 display.update(&self.overview());
                 return Ok(());
             }
+            if self.running.is_empty() {
+                self.give_up(&mut waiting, display)?;
+            }
             std::thread::sleep(POLL);
         }
+    }
+
+    /// Removes the first waiting member whose needed run is complete, and returns it.
+    fn next_ready(&self, waiting: &mut Vec<(usize, &'a Member)>) -> Result<Option<(usize, &'a Member)>, TrainError> {
+        for i in 0..waiting.len() {
+            if waiting[i].1.is_ready()? {
+                return Ok(Some(waiting.remove(i)));
+            }
+        }
+        Ok(None)
+    }
+
+    /// Ends all waiting members if none of them can start, while nothing runs.
+    fn give_up(
+        &mut self,
+        waiting: &mut Vec<(usize, &'a Member)>,
+        display: &mut dyn OverviewDisplay,
+    ) -> Result<(), TrainError> {
+        for (_, member) in waiting.iter() {
+            if member.is_ready()? {
+                return Ok(());
+            }
+        }
+        for (position, member) in waiting.drain(..) {
+            let needed = member.needs.as_deref().unwrap_or(Path::new("")).display().to_string();
+            let ending = Ending::Failed {
+                status: "it did not start".to_owned(),
+                lines: vec![format!("error: it needs {needed}, which is not complete")],
+            };
+            display.note(&describe(member, &ending));
+            self.endings[position] = Some(ending);
+        }
+        Ok(())
     }
 
     /// Removes the processes that have ended from the running ones.
@@ -214,7 +252,7 @@ impl Drop for Session<'_> {
 fn start<'a>(
     member: &'a Member,
     position: usize,
-    command: &dyn Fn(&Member) -> Command,
+    command: &dyn Fn(&Member) -> Result<Command, TrainError>,
 ) -> Result<Running<'a>, TrainError> {
     if member.state == State::New {
         member.clear()?;
@@ -223,7 +261,7 @@ fn start<'a>(
     let log = OpenOptions::new().create(true).append(true).open(&member.log).map_err(cannot("open", &member.log))?;
     let log_start = log.metadata().map_err(cannot("read", &member.log))?.len();
     let second = log.try_clone().map_err(cannot("open", &member.log))?;
-    let mut command = command(member);
+    let mut command = command(member)?;
     command.stdin(Stdio::null()).stdout(log).stderr(second);
     // Ctrl-C on a terminal reaches every process of a group. In groups of their own, the children hear of it only from
     // this process, and only once.

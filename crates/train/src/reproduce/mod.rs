@@ -1,6 +1,7 @@
-//! The experiment of the paper: the same training for several lambdas and seeds, one run directory each.
+//! Experiments of several runs: the same training for several lambdas or action spaces, and several seeds.
 //!
-//! [`Reproduction`] lists the runs and their state; [`children`] trains them, one process for each run.
+//! A [`Comparison`] says what the runs differ in. [`Reproduction`] lists the runs and their state; [`children`] trains
+//! them, one process for each run.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -9,10 +10,15 @@ use crate::config::{RunConfig, Settings, differences};
 use crate::request::{NewRun, resolve};
 use crate::run_dir::{LOCK, is_run, lock, read_config, read_provenance};
 use crate::{Summary, TrainError, checkpoint};
-use eigenhand_files::{cannot, create_directory};
+use eigenhand_files::{cannot, create_directory, write_atomically};
+use eigenhand_hands::Hand;
 
 pub mod children;
 mod overview;
+mod spaces;
+mod variant;
+
+pub use variant::{Comparison, Directions, Numbers, STUDY, StudyFile, StudyVariant, Variant};
 
 pub use overview::{Overview, OverviewBars, OverviewDisplay, OverviewLines, Progressing, Silent};
 
@@ -23,15 +29,15 @@ pub const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
 const LISTED: usize = 5;
 
 /// Request for a reproduction.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Request {
     /// Settings of every run; their lambda, seed, workers and directory are ignored.
     pub settings: NewRun,
-    /// How far the policies are confined to their synergies.
-    pub lambdas: Vec<f64>,
+    /// What the runs differ in.
+    pub comparison: Comparison,
     /// Seeds.
     pub seeds: Vec<u64>,
-    /// Directory of the runs; if absent, `runs/reproduce-<hand>-<preset>`.
+    /// Directory of the runs; if absent, `runs/reproduce-<hand>-<preset>` or `runs/study-<hand>-<preset>`.
     pub out: Option<PathBuf>,
 }
 
@@ -52,12 +58,16 @@ pub enum State {
 /// One run of a reproduction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// `l<lambda>-s<seed>`.
+    /// `<variant>-s<seed>`.
     pub name: String,
-    /// How far the policy is confined to its synergy.
-    pub lambda: f64,
+    /// What it differs in.
+    pub variant: Variant,
     /// Seed.
     pub seed: u64,
+    /// The synergy in which its policy acts; none if it commands every joint.
+    pub synergy: Option<PathBuf>,
+    /// The run that has to be complete before this one starts.
+    pub needs: Option<PathBuf>,
     /// Training episodes in all.
     pub episodes: u64,
     /// The run directory.
@@ -72,11 +82,11 @@ pub struct Member {
 pub struct Reproduction {
     /// The directory.
     pub directory: PathBuf,
-    /// Name of the hand.
-    pub hand: String,
+    /// The hand.
+    pub hand: Hand,
     /// Settings of the first run.
     pub config: RunConfig,
-    /// The runs, in the order in which they are trained: the first seed of every lambda, then the second.
+    /// The runs, in the order in which they are trained: the first seed of every variant, then the second.
     pub members: Vec<Member>,
     _lock: File,
 }
@@ -89,61 +99,123 @@ impl Reproduction {
     /// a run in the directory has other settings or another version of the hand; [`TrainError::Locked`].
     pub fn prepare(request: &Request) -> Result<Reproduction, TrainError> {
         refuse_varied(&request.settings)?;
-        let (lambdas, seeds) = (distinct(&request.lambdas), distinct(&request.seeds));
-        for (option, missing) in [("--lambda", lambdas.is_empty()), ("--seeds", seeds.is_empty())] {
+        let seeds = distinct(&request.seeds);
+        let comparison = match &request.comparison {
+            Comparison::Lambdas(lambdas) => Comparison::Lambdas(distinct(lambdas)),
+            other => other.clone(),
+        };
+        for (option, missing) in
+            [("--lambda", comparison == Comparison::Lambdas(Vec::new())), ("--seeds", seeds.is_empty())]
+        {
             if missing {
                 let reason = "expected at least one value".to_owned();
                 return Err(TrainError::Option { option: option.to_owned(), reason });
             }
         }
-        let (mut configs, mut hand) = (Vec::new(), None);
-        for (&seed, &lambda) in seeds.iter().flat_map(|seed| lambdas.iter().map(move |lambda| (seed, lambda))) {
-            let one = NewRun { lambda: Some(lambda), seed: Some(seed), ..request.settings.clone() };
-            let (config, found) = resolve(&one)?;
-            configs.push(config);
-            hand = Some(found);
-        }
-        let (Some(config), Some(hand)) = (configs.first().cloned(), hand) else {
-            return Err(TrainError::Option {
-                option: "--seeds".to_owned(),
-                reason: "expected at least one value".to_owned(),
-            });
-        };
+        let (config, hand) = resolve(&request.settings)?;
         let name = hand.manifest.name.clone();
-        let default = || Path::new("runs").join(format!("reproduce-{name}-{}", config.preset.name()));
+        let kind = if comparison == Comparison::ControlStudy { "study" } else { "reproduce" };
+        let default = || Path::new("runs").join(format!("{kind}-{name}-{}", config.preset.name()));
         let directory = request.out.clone().unwrap_or_else(default);
         if is_run(&directory) {
             return Err(TrainError::RunExists { path: directory });
+        }
+        let variants = comparison.variants(config.synergy.components);
+        let mut members = Vec::new();
+        for (&seed, variant) in seeds.iter().flat_map(|seed| variants.iter().map(move |variant| (seed, variant))) {
+            // The settings of each run are checked before any run starts.
+            let (config, _) = resolve(&NewRun {
+                lambda: Some(variant.lambda),
+                seed: Some(seed),
+                assignments: [request.settings.assignments.clone(), assignments(variant, &directory, seed)].concat(),
+                ..request.settings.clone()
+            })?;
+            members.push(Member::of(variant, &config, &directory)?);
         }
         create_directory(&directory)?;
         let lock = lock(&directory)?;
         let settings = config.settings()?;
         for run in runs_in(&directory)? {
-            check_settings(&run, &settings)?;
+            check_settings(&run, &settings, comparison.varied())?;
             let provenance = read_provenance(&run)?;
             if provenance.hand_digest != hand.digest {
                 let (expected, found) = (provenance.hand_digest, hand.digest);
                 return Err(TrainError::HandChanged { hand: name, run, expected, found });
             }
         }
-        let members =
-            configs.iter().map(|config| Member::of(config, &directory)).collect::<Result<Vec<_>, TrainError>>()?;
-        Ok(Reproduction { directory, hand: name, config, members, _lock: lock })
+        if comparison == Comparison::ControlStudy {
+            write_study(&variants, &seeds, &directory)?;
+        }
+        Ok(Reproduction { directory, hand, config, members, _lock: lock })
+    }
+
+    /// Makes the space in which a member's policy acts, if the study makes it.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`] for a run without a synergy, [`TrainError::Option`] for a hand that does not say which
+    /// actuators close it, [`TrainError::File`].
+    pub fn make_space(&self, member: &Member) -> Result<(), TrainError> {
+        let (Some(path), Some(numbers)) = (&member.synergy, &member.variant.space) else { return Ok(()) };
+        match (&numbers.directions, &member.needs) {
+            (Directions::Random(_), Some(run)) => spaces::write_random(run, numbers.components, member.seed, path),
+            (Directions::Closing, _) => spaces::write_closing(&self.hand, &self.config, path),
+            _ => Ok(()),
+        }
     }
 }
 
+/// Returns a variant's settings as assignments.
+fn assignments(variant: &Variant, directory: &Path, seed: u64) -> Vec<String> {
+    let (Some(numbers), Some(path)) = (&variant.space, variant.synergy_path(directory, seed)) else {
+        return Vec::new();
+    };
+    let file = toml::Value::String(path.display().to_string());
+    vec![
+        "action_space=synergy".to_owned(),
+        format!("synergy.file={file}"),
+        format!("synergy.components={}", numbers.components),
+    ]
+}
+
+/// Writes which runs belong to which variant, for the report.
+fn write_study(variants: &[Variant], seeds: &[u64], directory: &Path) -> Result<(), TrainError> {
+    let variant = |variant: &Variant| StudyVariant {
+        name: variant.name.clone(),
+        title: variant.title.clone(),
+        runs: seeds.iter().map(|&seed| variant.run_name(seed)).collect(),
+    };
+    let file = StudyFile { schema: 1, variants: variants.iter().map(variant).collect() };
+    let path = directory.join(STUDY);
+    let text = serde_json::to_string_pretty(&file)
+        .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
+    Ok(write_atomically(&path, format!("{text}\n").as_bytes())?)
+}
+
 impl Member {
-    fn of(config: &RunConfig, directory: &Path) -> Result<Member, TrainError> {
-        let name = format!("l{}-s{}", config.lambda, config.seed);
+    fn of(variant: &Variant, config: &RunConfig, directory: &Path) -> Result<Member, TrainError> {
+        let name = variant.run_name(config.seed);
         let run = directory.join(&name);
         Ok(Member {
-            lambda: config.lambda,
+            variant: variant.clone(),
             seed: config.seed,
+            synergy: variant.synergy_path(directory, config.seed),
+            needs: variant.needs().map(|needed| directory.join(format!("{needed}-s{}", config.seed))),
             episodes: config.episodes,
             log: directory.join(format!("{name}.log")),
             state: state_of(&run)?,
             run,
             name,
+        })
+    }
+
+    /// Tells whether the run that has to be complete before this one is complete.
+    ///
+    /// # Errors
+    /// [`TrainError::Damaged`] for a summary that cannot be read.
+    pub(crate) fn is_ready(&self) -> Result<bool, TrainError> {
+        Ok(match &self.needs {
+            Some(run) => state_of(run)? == State::Complete,
+            None => true,
         })
     }
 
@@ -199,11 +271,11 @@ fn state_of(run: &Path) -> Result<State, TrainError> {
     Ok(checkpoint::newest(run)?.map_or(State::New, |episodes| State::Interrupted { episodes }))
 }
 
-fn check_settings(run: &Path, asked: &Settings) -> Result<(), TrainError> {
+fn check_settings(run: &Path, asked: &Settings, varied: &[&str]) -> Result<(), TrainError> {
     let made = read_config(run)?.settings()?;
     let found: Vec<String> = differences(&made, asked)
         .into_iter()
-        .filter(|(key, ..)| !VARIED.contains(key))
+        .filter(|(key, ..)| !varied.contains(key))
         .map(|(key, made, asked)| {
             let value = |side: Option<&str>| side.unwrap_or("absent").to_owned();
             format!("{key} is {} there and {} here", value(made), value(asked))
