@@ -28,14 +28,18 @@ const PNG_SCALE: f32 = 2.0;
 pub const INK: RGBColor = RGBColor(0x1F, 0x23, 0x28);
 /// Background.
 pub const PAPER: RGBColor = RGBColor(0xFF, 0xFF, 0xFF);
-/// One colour for each lambda; people with any colour vision can tell them apart (Okabe and Ito 2008).
-const SERIES: [RGBColor; 6] = [
+/// One colour for each lambda or variant. People with any colour vision can tell the first six apart (Okabe and Ito 2008);
+/// the marks tell the others apart.
+const SERIES: [RGBColor; 9] = [
     RGBColor(0x00, 0x72, 0xB2),
     RGBColor(0xD5, 0x5E, 0x00),
     RGBColor(0x00, 0x9E, 0x73),
     RGBColor(0xCC, 0x79, 0xA7),
     RGBColor(0xE6, 0x9F, 0x00),
     RGBColor(0x56, 0xB4, 0xE9),
+    RGBColor(0x6A, 0x3D, 0x9A),
+    RGBColor(0x7F, 0x7F, 0x7F),
+    RGBColor(0x8C, 0x56, 0x4B),
 ];
 /// Colours of the components; from the first to the last they become lighter.
 const COMPONENTS: [RGBColor; 5] = [
@@ -53,7 +57,7 @@ pub type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoor
 /// Result of drawing.
 pub type Drawn<T = ()> = Result<T, DrawingAreaErrorKind<std::io::Error>>;
 
-/// Returns the colour of a lambda by its position.
+/// Returns the colour of a lambda or variant by its position.
 pub fn series_color(i: usize) -> RGBColor {
     SERIES[i % SERIES.len()]
 }
