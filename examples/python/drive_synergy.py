@@ -27,6 +27,8 @@ except ModuleNotFoundError:  # Python before 3.11: pip install tomli
 # Seconds of each part of the grasp.
 DOWN, CLOSE, SQUEEZE, UP, HOLD = 0.8, 0.8, 0.3, 1.0, 0.5
 LEAST_LIFT = 0.05
+# The policy closes the hand while it comes down. The script brings the hand down first, and lower by so many metres.
+LOWER = 0.04
 
 
 class Synergy:
@@ -76,6 +78,7 @@ def drive(export, name, numbers, picture):
     place = model.jnt_qposadr[index(mujoco.mjtObj.mjOBJ_JOINT, policy["scene"]["object_joint"])] + 2
     grasp = synergy.grasp(name)
     height = {moment: q[synergy.joints.index(arm_joint)] for moment, (_, q) in grasp.items()}
+    height["closed"] -= LOWER
     numbers = {moment: z for moment, (z, _) in grasp.items()}
     start = data.ctrl[arm]
 

@@ -155,8 +155,15 @@ impl Run {
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let run = RunDirectory::create(Some(&self.path), config, &provenance).unwrap();
         let task = task(config, &self.hand);
-        let assignment =
-            Assignment { config: config.clone(), provenance, hand: self.hand.clone(), task, space: None, run };
+        let assignment = Assignment {
+            config: config.clone(),
+            provenance,
+            hand: self.hand.clone(),
+            task,
+            other_task: None,
+            space: None,
+            run,
+        };
         Trainer::create(assignment)?.run(stop, progress)
     }
 
@@ -172,7 +179,15 @@ impl Run {
         change(&mut config);
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let task = task(&config, &self.hand);
-        Trainer::resume(Assignment { config, provenance, hand: self.hand.clone(), task, space: None, run })
+        Trainer::resume(Assignment {
+            config,
+            provenance,
+            hand: self.hand.clone(),
+            task,
+            other_task: None,
+            space: None,
+            run,
+        })
     }
 
     pub fn resume_to_the_end(&self) -> Summary {

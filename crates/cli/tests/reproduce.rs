@@ -182,7 +182,9 @@ fn a_study_trains_each_space_after_the_run_that_it_needs() {
     std::fs::write(place.path("gripper/hand.toml"), manifest).unwrap();
     let study = |more: &[&str]| {
         let others = ["--set", "evaluation.other_objects=[\"sphere\", \"disc\"]", "--set", "evaluation.every=8"];
-        place.reproduce(&[&["--study", "control", "--seeds", "1", "--jobs", "2"], &others[..], more].concat())
+        place.reproduce(
+            &[&["--study", "control", "--seeds", "1", "--jobs", "2", "--episodes", "16"], &others[..], more].concat(),
+        )
     };
     let output = study(&[]).output().unwrap();
     let told = stderr(&output);

@@ -356,7 +356,7 @@ mod tests {
                 (above, -0.03, 0.04, least),
                 "+3.1 percentage points; the 95 % interval, +1.0 to +5.2, excludes zero, and the permutation test gives \
                  p = 0.04, but the interquartile means and the means differ in opposite directions: these runs do not \
-                 settle which lambda is greater.",
+                 settle which of the two is greater.",
             ),
             (
                 0.0312,

@@ -61,7 +61,7 @@ pub fn write(runs: &[Run], out: &Path) -> Result<Report, ReportError> {
 /// Writes a study's report into a directory that is new, empty, or holds an earlier report.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn write_study(study: &Study, out: &Path) -> Result<StudyReport, ReportError> {
     check_out(out)?;
     let analysis = study::analyse(study);

@@ -12,6 +12,9 @@ use crate::error::TrainError;
 pub struct HandActuators {
     /// Names, units and ranges.
     pub coordinates: Vec<JointInfo>,
+    /// For each the weights of the posture's joints and the offset that give the command at which it holds a posture; none
+    /// for an actuator that holds no position.
+    holding: Vec<Option<(Vec<f64>, f64)>>,
     /// Index of each in an action.
     actions: Vec<usize>,
     n_actions: usize,
@@ -29,7 +32,16 @@ impl HandActuators {
             let unit = joint.map_or(Unit::Radian, |joint| task.posture_joints[joint].unit);
             JointInfo { name: task.actuators[i].clone(), unit, lower, upper }
         };
-        HandActuators { coordinates: actions.iter().map(coordinate).collect(), actions, n_actions: task.action_len() }
+        let holding = |&i: &usize| {
+            let (row, offset) = (&actuation.matrix[i], actuation.offset[i]);
+            row.iter().any(|weight| *weight != 0.0).then(|| (row.clone(), offset))
+        };
+        HandActuators {
+            coordinates: actions.iter().map(coordinate).collect(),
+            holding: actions.iter().map(holding).collect(),
+            actions,
+            n_actions: task.action_len(),
+        }
     }
 
     fn centre_and_half(&self) -> impl Iterator<Item = (f64, f64)> {
@@ -40,6 +52,16 @@ impl HandActuators {
     pub fn commands(&self, action: &[f32]) -> Vec<f64> {
         let scaled = self.actions.iter().zip(self.centre_and_half());
         scaled.map(|(&i, (centre, half))| centre + half * f64::from(action[i])).collect()
+    }
+
+    /// (posture, commands that were given in it) => the commands that hold the posture; those of an actuator that holds no
+    /// position stay
+    pub fn commands_that_hold(&self, posture: &[f64], commands: &[f64]) -> Vec<f64> {
+        let command = |(holding, &given): (&Option<(Vec<f64>, f64)>, &f64)| match holding {
+            Some((row, offset)) => row.iter().zip(posture).map(|(weight, q)| weight * q).sum::<f64>() + offset,
+            None => given,
+        };
+        self.holding.iter().zip(commands).map(command).collect()
     }
 
     /// Returns these actuators without those of the given names, which then are as free as the slide.
@@ -59,6 +81,7 @@ impl HandActuators {
         }
         Ok(HandActuators {
             coordinates: kept.iter().map(|&i| self.coordinates[i].clone()).collect(),
+            holding: kept.iter().map(|&i| self.holding[i].clone()).collect(),
             actions: kept.iter().map(|&i| self.actions[i]).collect(),
             n_actions: self.n_actions,
         })
@@ -137,7 +160,8 @@ mod tests {
             upper,
         };
         let coordinates = [("a", -1.0, 3.0), ("b", 0.0, 0.5), ("c", 2.0, 2.5)].map(coordinate).to_vec();
-        HandActuators { coordinates, actions: vec![0, 2, 3], n_actions: 4 }
+        let holding = vec![Some((vec![2.0, 0.0], 0.1)), None, Some((vec![0.0, 1.0], 0.0))];
+        HandActuators { coordinates, holding, actions: vec![0, 2, 3], n_actions: 4 }
     }
 
     const ACTIONS: [[f32; 4]; 3] = [[0.3, -0.7, 0.2, 0.9], [-1.0, 1.0, 0.0, 0.4], [0.1, 0.2, 0.8, -0.6]];
@@ -184,6 +208,11 @@ mod tests {
         let expected: Vec<f64> = (0..3).map(|i| centre[i] + 0.5 * rows[0][i] - rows[1][i]).collect();
         assert_near(&hand.commands(&action), &expected);
         assert_eq!(action[1], 0.25);
+    }
+
+    #[test]
+    fn a_posture_is_held_by_its_own_commands() {
+        assert_near(&actuators().commands_that_hold(&[0.3, 0.7], &[9.0, 0.4, 9.0]), &[0.7, 0.4, 0.7]);
     }
 
     #[test]

@@ -70,7 +70,7 @@ impl ControlProduct {
         let (commands, postures): (Vec<_>, Vec<_>) =
             motions.iter().map(|step| (step.command.clone(), step.posture.as_slice())).unzip();
         let joint_map = JointMap::fit(&synergy, &commands, joints, &postures)?;
-        let grasps = mean_grasps(&synergy, motions);
+        let grasps = mean_grasps(&synergy, actuators, motions);
         Ok(Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }))
     }
 
@@ -94,11 +94,17 @@ impl ControlProduct {
 }
 
 /// Returns the mean grasp of each object, in the order of the objects' names.
-fn mean_grasps(synergy: &Synergy, motions: &[MotionRecord]) -> Vec<NamedGrasp> {
+fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, motions: &[MotionRecord]) -> Vec<NamedGrasp> {
     let mut of_object: BTreeMap<&str, Vec<&[MotionRecord]>> = BTreeMap::new();
     for motion in motions.chunk_by(|a, b| a.episode == b.episode) {
         of_object.entry(motion[0].object.as_str()).or_default().push(motion);
     }
+    // A policy may close while the hand comes down. So the first commands of a motion lead elsewhere than to the posture
+    // in which the hand then is, and that is the open one.
+    let opening = |step: &MotionRecord| MotionRecord {
+        command: actuators.commands_that_hold(&step.posture, &step.command),
+        ..step.clone()
+    };
     let mean = |moments: &[&MotionRecord]| {
         let average = |rows: Vec<Vec<f64>>| -> Vec<f64> {
             let n = rows.len() as f64;
@@ -111,14 +117,14 @@ fn mean_grasps(synergy: &Synergy, motions: &[MotionRecord]) -> Vec<NamedGrasp> {
     };
     let grasp = |(object, motions): (&str, Vec<&[MotionRecord]>)| {
         let first = |motion: &&'_ [MotionRecord]| -> usize { motion.iter().position(|s| s.held).unwrap_or(0) };
-        let open: Vec<&MotionRecord> = motions.iter().map(|motion| &motion[0]).collect();
+        let open: Vec<MotionRecord> = motions.iter().map(|motion| opening(&motion[0])).collect();
         let closed: Vec<&MotionRecord> =
             motions.iter().map(|motion| &motion[first(motion).saturating_sub(1)]).collect();
         let held: Vec<&MotionRecord> = motions.iter().map(|motion| &motion[motion.len() - 1]).collect();
         NamedGrasp {
             object: object.to_owned(),
             motions: motions.len(),
-            open: mean(&open),
+            open: mean(&open.iter().collect::<Vec<_>>()),
             closed: mean(&closed),
             held: mean(&held),
         }
