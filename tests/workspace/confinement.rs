@@ -8,21 +8,12 @@ use eigenhand_synergy::{PostureDatabase, PostureRecord, Source};
 use eigenhand_train::{FinishedRun, Freedom};
 use tempfile::TempDir;
 
+use crate::gripper::{LONGER, TURN, VANE};
 use crate::support::{Run, StopAfter, gripper_with, tiny, write_gripper};
 use crate::training::assert_same;
 
-/// Enough episodes and updates for a policy that succeeds by itself; a scripted success is no part of a synergy.
-pub const LONGER: [&str; 3] = ["episodes=60", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
-
 /// The same with a single component and no other feedback.
 const CONFINED: [&str; 5] = [LONGER[0], LONGER[1], LONGER[2], "synergy.penalty=none", "synergy.components=1"];
-
-/// A vane, and the actuator that turns it: with it, one component cannot give all commands of the gripper.
-const VANE: &str = r#"<body name="vane" pos="0 0 0.05">
-        <joint name="vane_joint" type="hinge" axis="0 0 1" range="-60 60" damping="0.1"/>
-        <geom type="box" size="0.02 0.01 0.01" mass="0.05"/>
-      </body>"#;
-const TURN: &str = r#"<position name="turn" joint="vane_joint" kp="1" ctrllimited="true" ctrlrange="-1 1"/>"#;
 
 /// Returns the gripper with the vane.
 pub fn gripper_with_vane() -> Hand {

@@ -87,3 +87,14 @@ pub const TINY: [&str; 39] = [
     "exploration.random_probability=0.1",
     "exploration.random_hold_steps=5",
 ];
+
+/// Enough episodes and updates for a policy that succeeds by itself; a scripted success is no part of a synergy.
+pub const LONGER: [&str; 3] = ["episodes=60", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
+
+/// A vane, and the actuator that turns it: with it, one component cannot give all commands of the gripper.
+pub const VANE: &str = r#"<body name="vane" pos="0 0 0.05">
+        <joint name="vane_joint" type="hinge" axis="0 0 1" range="-60 60" damping="0.1"/>
+        <geom type="box" size="0.02 0.01 0.01" mass="0.05"/>
+      </body>"#;
+/// See [`VANE`].
+pub const TURN: &str = r#"<position name="turn" joint="vane_joint" kp="1" ctrllimited="true" ctrlrange="-1 1"/>"#;

@@ -154,17 +154,7 @@ impl Run {
     ) -> Result<Summary, TrainError> {
         let provenance = Provenance::collect(&self.hand, &mujoco());
         let run = RunDirectory::create(Some(&self.path), config, &provenance).unwrap();
-        let task = task(config, &self.hand);
-        let assignment = Assignment {
-            config: config.clone(),
-            provenance,
-            hand: self.hand.clone(),
-            task,
-            other_task: None,
-            space: None,
-            run,
-        };
-        Trainer::create(assignment)?.run(stop, progress)
+        Trainer::create(self.assignment(config.clone(), provenance, run))?.run(stop, progress)
     }
 
     /// Prepares to continue the run.
@@ -177,17 +167,12 @@ impl Run {
         let run = RunDirectory::open(&self.path)?;
         let mut config = run.config()?;
         change(&mut config);
-        let provenance = Provenance::collect(&self.hand, &mujoco());
-        let task = task(&config, &self.hand);
-        Trainer::resume(Assignment {
-            config,
-            provenance,
-            hand: self.hand.clone(),
-            task,
-            other_task: None,
-            space: None,
-            run,
-        })
+        Trainer::resume(self.assignment(config, Provenance::collect(&self.hand, &mujoco()), run))
+    }
+
+    fn assignment(&self, config: RunConfig, provenance: Provenance, run: RunDirectory) -> Assignment {
+        let (hand, task) = (self.hand.clone(), task(&config, &self.hand));
+        Assignment { config, provenance, hand, task, other_task: None, space: None, run }
     }
 
     pub fn resume_to_the_end(&self) -> Summary {

@@ -10,7 +10,8 @@ use eigenhand_rl::EpisodeData;
 use eigenhand_synergy::{PostureDatabase, PostureRecord, Source, newest};
 use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
 
-use crate::confinement::{LONGER, gripper_with_vane};
+use crate::confinement::gripper_with_vane;
+use crate::gripper::LONGER;
 use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, python_has, tiny};
 
 const EPISODES: u64 = 24;

@@ -178,37 +178,75 @@ fn a_wrong_command_line_is_answered_before_anything_is_made() {
 #[test]
 fn a_study_trains_each_space_after_the_run_that_it_needs() {
     let place = Place::new();
+    let without_closing = status(&mut place.reproduce(&["--study", "control"]), 2);
+    assert!(stderr(&without_closing).contains("no [closing] in hand.toml"), "{}", stderr(&without_closing));
+    assert!(!place.path("all/joints-s1").exists());
     let manifest = format!("{}\n[closing]\nclose = 1\n", gripper::GRIPPER_MANIFEST);
+    let model = gripper::GRIPPER_MODEL
+        .replace("<!-- extra bodies -->", gripper::VANE)
+        .replace("<!-- extra actuators -->", gripper::TURN);
     std::fs::write(place.path("gripper/hand.toml"), manifest).unwrap();
+    std::fs::write(place.path("gripper/gripper.xml"), model).unwrap();
     let study = |more: &[&str]| {
-        let others = ["--set", "evaluation.other_objects=[\"sphere\", \"disc\"]", "--set", "evaluation.every=8"];
-        place.reproduce(
-            &[&["--study", "control", "--seeds", "1", "--jobs", "2", "--episodes", "16"], &others[..], more].concat(),
-        )
+        let mut command = place.reproduce(&["--study", "control", "--seeds", "1", "--jobs", "2"]);
+        // More components than the hand has actuators.
+        let settings = ["synergy.components=5", "synergy.window=0", "synergy.penalty=none", "evaluation.every=20"];
+        let others = ["evaluation.other_objects=[\"sphere\", \"disc\"]", "evaluation.selection_episodes=40"];
+        // With these the gripper learns to grasp in 60 episodes.
+        let learns = ["learner.gamma=0.995", "exploration.coordinated_probability=0"];
+        let settings = settings.iter().chain(&others).chain(&learns).chain(&gripper::LONGER);
+        settings.for_each(|setting| _ = command.args(["--set", setting]));
+        command.args(more);
+        command
     };
-    let output = study(&[]).output().unwrap();
-    let told = stderr(&output);
-    let order = |first: &str, then: &str| told.find(first).unwrap() < told.find(then).unwrap_or(usize::MAX);
+    let told = stderr(&status(&mut study(&[]), 0));
+    let order = |first: &str, then: &str| told.find(first).unwrap() < told.find(then).unwrap();
     assert!(order("joints-s1 is complete", "free-synergy-2-s1 starts"), "{told}");
-    assert!(order("confined-s1 is complete", "random-2-s1 starts"), "{told}");
-    assert!(place.path("all/spaces/closing-1-s1.toml").is_file());
+    for variant in ["synergy-2", "synergy-1", "random-2"] {
+        assert!(order("confined-s1 is complete", &format!("{variant}-s1 starts")), "{told}");
+    }
 
-    let listed = json(&std::fs::read(place.path("all/study.json")).unwrap());
-    let names: Vec<&str> =
-        listed["variants"].as_array().unwrap().iter().map(|variant| variant["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["joints", "confined", "free-synergy-2", "synergy-2", "synergy-1", "random-2", "closing-1"]);
-    let others = &place.summary("joints-s1")["other_objects"];
-    assert_eq!((&others["episodes"], others["success_rate_per_object"].as_object().unwrap().len()), (&6.into(), 2));
+    let names = ["joints", "confined", "free-synergy-2", "synergy-2", "synergy-1", "random-2", "closing-1"];
+    let toml = |name: &str| -> toml::Table { place.text(name).parse().unwrap() };
+    for name in names {
+        let config = toml(&format!("all/{name}-s1/config.toml"));
+        let acts = if ["joints", "confined"].contains(&name) { "joints" } else { "synergy" };
+        assert_eq!(config["action_space"].as_str(), Some(acts), "{name}");
+    }
+    let numbers = |file: &toml::Table, key: &str| -> Vec<f64> {
+        file[key].as_array().unwrap().iter().map(|number| number.as_float().unwrap()).collect()
+    };
+    let (own, random) = (toml("all/confined-s1/synergy/synergy.toml"), toml("all/spaces/random-2-s1.toml"));
+    for (own, random) in numbers(&own, "mean").into_iter().zip(numbers(&random, "mean")) {
+        assert!((own - random).abs() < 1e-9, "{own} {random}");
+    }
+    for (own, random) in numbers(&own, "explained_variance").into_iter().zip(numbers(&random, "explained_variance")) {
+        assert!((own - random).abs() < 1e-9, "the numbers vary alike: {own} {random}");
+    }
+    assert_ne!(own["components"], random["components"]);
+    // From the open gripper to the closed one; the vane stays.
+    let closing = toml("all/spaces/closing-1-s1.toml");
+    assert_eq!(closing["components"], toml::Value::try_from([[1.0, 0.0]]).unwrap());
+    assert_eq!(numbers(&closing, "mean"), [0.025, 0.0]);
+
+    for name in names {
+        let others = &place.summary(&format!("{name}-s1"))["other_objects"];
+        assert_eq!((&others["episodes"], others["success_rate_per_object"].as_object().unwrap().len()), (&6.into(), 2));
+    }
+    assert!(place.summary("confined-s1")["other_objects"]["success_with_components"].is_number());
     let table = place.text("all/report/runs.csv");
     assert!(
-        table.starts_with("variant,seed,run,state,") && table.contains("\nclosing-1,1,closing-1-s1,complete,"),
-        "{table}"
+        names.iter().all(|name| table.contains(&format!("\n{name},1,{name}-s1,complete,60,"))),
+        "each run is complete: {table}"
     );
     assert!(place.text("all/report/index.html").contains("all closing joints together"));
 
     // `report` knows a study by its directory.
     let again = status(&mut place.eigenhand(&["report", "all", "--json"]), 0);
-    assert_eq!(json(&again.stdout)["variants"].as_array().unwrap().len(), names.len());
+    let variants = json(&again.stdout)["variants"].clone();
+    let found: Vec<&str> =
+        variants.as_array().unwrap().iter().map(|variant| variant["name"].as_str().unwrap()).collect();
+    assert_eq!(found, names);
     let output = status(&mut study(&["--lambda", "0"]), 2);
     assert!(stderr(&output).contains("--lambda"), "{}", stderr(&output));
 }

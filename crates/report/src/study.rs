@@ -5,14 +5,16 @@ use std::path::Path;
 
 use eigenhand_files::cannot;
 use eigenhand_train::TrainError;
-use eigenhand_train::reproduce::{STUDY, StudyFile};
+use eigenhand_train::reproduce::{STUDY, StudyFile, StudyVariant};
 use maud::html;
 use serde::Serialize;
 
 use crate::ReportError;
 use crate::analysis::over;
 use crate::figures::{Figure, Group, learning_curves};
-use crate::page::{document, drawing, estimate, notes, number, provenance, table as html_table, words};
+use crate::page::{
+    common_table, document, drawing, estimate, notes, number, provenance, supported, table as html_table, words,
+};
 use crate::records::{LEVELS, LevelRecord, Quantity, RunRecord};
 use crate::run::{Run, read_runs};
 use crate::statements::{Words, conclusion, counted, probability};
@@ -132,7 +134,7 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
     let groups: Vec<Vec<&RunRecord>> =
         records.iter().map(|runs| runs.iter().filter(|run| run.is_complete()).collect()).collect();
     let bootstraps = COMPARED.map(|quantity| (quantity, over(&groups, |run| quantity.of(run))));
-    let record = |(i, variant): (usize, &eigenhand_train::reproduce::StudyVariant)| VariantRecord {
+    let record = |(i, variant): (usize, &StudyVariant)| VariantRecord {
         name: variant.name.clone(),
         title: variant.title.clone(),
         n_runs: variant.runs.len(),
@@ -177,7 +179,7 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
     }
 }
 
-/// Draws success along training: all variants, and those of one synergy with different numbers of components.
+/// Draws success along training, with a curve for each variant.
 pub(crate) fn figures(study: &Study) -> Result<Vec<Figure>, ReportError> {
     let groups: Vec<Group<'_>> = study
         .file
@@ -236,7 +238,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
                 .map_or_else(|| "-".to_owned(), |[low, high]| format!("{} to {}", points(low), points(high))),
             probability(contrast.permutation.p),
             probability(contrast.permutation.least_p),
-            crate::page::supported(difference.verdict).to_owned(),
+            supported(difference.verdict).to_owned(),
         ]
     };
     let differences: Vec<Vec<String>> = analysis.differences.iter().map(compared).collect();
@@ -266,7 +268,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
             h2 { "How it was made" }
             (provenance(&study.runs))
             @if let Some(run) = study.runs.first() {
-                details { summary { "Settings of " (run.name) } (crate::page::common_table(&run.settings)) }
+                details { summary { "Settings of " (run.name) } (common_table(&run.settings)) }
             }
         },
     )
@@ -275,7 +277,6 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
 #[cfg(test)]
 mod tests {
     use eigenhand_train::OtherObjects;
-    use eigenhand_train::reproduce::StudyVariant;
 
     use super::*;
     use crate::made_up::complete;

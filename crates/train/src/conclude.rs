@@ -16,6 +16,7 @@ use crate::motion::motions;
 use crate::products::{ControlProduct, Products, write_products};
 use crate::progress::Progress;
 use crate::rollout::WorkerPool;
+use crate::stress::Stress;
 use crate::summary::{OtherObjects, StoppedBy, Summary};
 use crate::trainer::Trainer;
 
@@ -33,8 +34,9 @@ impl Trainer {
                 progress.note(&format!("comparing the {} best policies", self.finalists.list().len()));
             }
             let episodes = evaluations.final_episodes;
+            let others = if self.assignment.other_task.is_some() { ", and with other objects" } else { "" };
             progress.note(&format!(
-                "final evaluation: {episodes} new episodes, with all joints and with 0 to {MOST_COMPONENTS} numbers"
+                "final evaluation: {episodes} new episodes, with all joints and with 0 to {MOST_COMPONENTS} numbers{others}"
             ));
         }
         progress.finish();
@@ -100,6 +102,7 @@ impl Trainer {
             synergy,
             postures,
         };
+        Stress::remove(run.path())?;
         write_products(&products, run.path())?;
         // Below this success, the postures say little about what the policy can do.
         let trusted = synergy.filter(|_| success_rate.or(counters.last_evaluation).is_some_and(|s| s >= TRUSTED));

@@ -23,6 +23,7 @@ mod finalists;
 mod finished;
 mod hands;
 mod journal;
+mod json_file;
 mod logging;
 mod metrics;
 mod motion;

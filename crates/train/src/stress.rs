@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use eigenhand_files::{cannot, write_atomically};
+use eigenhand_files::cannot;
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::rng;
 use eigenhand_sim::{Factors, GraspEnv, GraspTask, Setting};
@@ -18,6 +18,7 @@ use crate::assessment::wilson_interval;
 use crate::error::TrainError;
 use crate::evaluation::{EvaluationStream, Tally, evaluation_job};
 use crate::finished::FinishedRun;
+use crate::json_file;
 use crate::rollout::{EpisodeJob, WorkerPool};
 
 const FRICTIONS: [f64; 3] = [1.0, 0.7, 0.5];
@@ -66,17 +67,7 @@ impl Stress {
     /// # Errors
     /// [`TrainError::File`], or [`TrainError::Damaged`] for a file that is no such table.
     pub fn read(run: &Path) -> Result<Option<Stress>, TrainError> {
-        let path = run.join(STRESS);
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(cannot("read", &path)(error).into()),
-        };
-        serde_json::from_str(&text).map(Some).map_err(|error| TrainError::Damaged {
-            path,
-            reason: error.to_string(),
-            mend: format!("write it again with: eval {} --stress", run.display()),
-        })
+        json_file::read(&run.join(STRESS), &format!("write it again with: eval {} --stress", run.display()))
     }
 
     /// Writes the table into the directory of its run, where a report finds it.
@@ -84,10 +75,19 @@ impl Stress {
     /// # Errors
     /// [`TrainError::File`].
     pub fn write(&self, run: &Path) -> Result<(), TrainError> {
+        json_file::write(&run.join(STRESS), self)
+    }
+
+    /// Removes the table, because the run gets another policy.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub(crate) fn remove(run: &Path) -> Result<(), TrainError> {
         let path = run.join(STRESS);
-        let text = serde_json::to_string_pretty(self)
-            .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
-        Ok(write_atomically(&path, format!("{text}\n").as_bytes())?)
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(cannot("remove", &path)(error).into()),
+            _ => Ok(()),
+        }
     }
 }
 

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use eigenhand_files::{cannot, write_atomically};
 use eigenhand_mujoco::WarningCounts;
 use eigenhand_synergy::Content;
 use serde::{Deserialize, Serialize};
 
 use crate::error::TrainError;
+use crate::json_file;
 
 /// Name of the file in a run directory.
 pub const SUMMARY: &str = "summary.json";
@@ -120,17 +120,8 @@ impl Summary {
     /// # Errors
     /// [`TrainError::File`], or [`TrainError::Damaged`] when the file is not a summary.
     pub fn read(run: &Path) -> Result<Option<Summary>, TrainError> {
-        let path = run.join(SUMMARY);
-        let text = match std::fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(error) => return Err(cannot("read", &path)(error).into()),
-        };
-        serde_json::from_str(&text).map(Some).map_err(|error| TrainError::Damaged {
-            path,
-            reason: error.to_string(),
-            mend: "move the file away, then continue the run with --resume to write it again".to_owned(),
-        })
+        let mend = "move the file away, then continue the run with --resume to write it again";
+        json_file::read(&run.join(SUMMARY), mend)
     }
 
     /// Tells whether the run was trained and evaluated to its end.
@@ -143,10 +134,6 @@ impl Summary {
     /// # Errors
     /// [`TrainError::File`].
     pub fn write(&self, run: &Path) -> Result<(), TrainError> {
-        let path = run.join(SUMMARY);
-        let mut text = serde_json::to_string_pretty(self)
-            .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
-        text.push('\n');
-        Ok(write_atomically(&path, text.as_bytes())?)
+        json_file::write(&run.join(SUMMARY), self)
     }
 }

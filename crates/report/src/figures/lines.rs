@@ -54,9 +54,17 @@ struct Beside {
 
 const BAND: &str = "Line: median over the runs; band: from the lowest run to the highest.";
 
-/// Draws success, contribution and error along training, and the distribution of the error.
-pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
-    let along = |name, title, y_name, y: Number, scale: f64, y_digits, top| Plot {
+/// Describes the curve of a number along training.
+fn along(
+    name: &'static str,
+    title: &'static str,
+    y_name: &'static str,
+    y: Number,
+    scale: f64,
+    y_digits: usize,
+    top: Option<f64>,
+) -> Plot {
+    Plot {
         group_column: "lambda",
         name,
         title,
@@ -71,7 +79,11 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
         y_digits,
         top,
         marked: true,
-    };
+    }
+}
+
+/// Draws success, contribution and error along training, and the distribution of the error.
+pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     let rate = Some(100.0);
     let success: Number = |row| row.success_rate;
     let plots = [
@@ -151,22 +163,8 @@ pub(crate) fn learning_curves(
     title: &'static str,
     groups: &[Group<'_>],
 ) -> Result<Option<Figure>, ReportError> {
-    let plot = Plot {
-        group_column: "variant",
-        name,
-        title,
-        caption: BAND,
-        x_name: "training episodes",
-        x_column: "episode",
-        x: |row| Some(row.episode as f64),
-        y_name: "success rate (%)",
-        y: |row| row.success_rate,
-        beside: None,
-        scale: (1.0, 100.0),
-        y_digits: 0,
-        top: Some(100.0),
-        marked: true,
-    };
+    let rate: Number = |row| row.success_rate;
+    let plot = Plot { group_column: "variant", ..along(name, title, "success rate (%)", rate, 100.0, 0, Some(100.0)) };
     let band = |group: &Group<'_>| {
         let curves: Vec<Vec<(f64, f64)>> = group.runs.iter().map(|run| run.curve(plot.x, plot.y)).collect();
         Band::at_common_points(&curves)

@@ -46,10 +46,17 @@ pub fn section(analysis: &Analysis) -> Markup {
         }
         cells
     };
+    let mut numbers: Vec<u64> = analysis.runs.iter().filter_map(|run| Some(run.stress.as_ref()?.episodes)).collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let episodes = numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" or ");
     html! {
         h2 { "What the grasps endure" }
         (table(&header, &changes.iter().map(row).collect::<Vec<_>>()))
-        p.soft { "Median over the runs. In each row one thing is changed, and the episodes are the same (eval --stress)." }
+        p.soft {
+            "Median over the runs, each in " (episodes) " episodes a row. In each row one thing is changed, and the episodes "
+            "are the same (eval --stress)."
+        }
     }
 }
 
@@ -82,7 +89,10 @@ mod tests {
         ];
         let text = section(&analyse(&runs)).into_string();
         let friction = "<tr><td>friction</td><td>0.7</td><td>-</td><td></td><td>60.0</td><td>50.0 to 70.0</td></tr>";
-        assert!(text.contains(friction) && text.contains("1, 2 runs"), "{text}");
+        assert!(
+            text.contains(friction) && text.contains("1, 2 runs") && text.contains("in 70 episodes a row"),
+            "{text}"
+        );
         assert_eq!(section(&analyse(&runs[3..])).into_string(), "");
     }
 }

@@ -110,7 +110,7 @@ impl<'a> Session<'a> {
         loop {
             let asked = stop.load(Ordering::Relaxed);
             while asked == 0 && self.running.len() < jobs {
-                let Some((position, member)) = self.next_ready(&mut waiting)? else { break };
+                let Some((position, member)) = self.next_ready(&mut waiting) else { break };
                 match start(member, position, command) {
                     Ok(running) => {
                         display.note(&format!("{} {}", member.name, verb(member)));
@@ -141,43 +141,39 @@ impl<'a> Session<'a> {
                 return Ok(());
             }
             if self.running.is_empty() {
-                self.give_up(&mut waiting, display)?;
+                self.give_up(&mut waiting, display);
             }
             std::thread::sleep(POLL);
         }
     }
 
-    /// Removes the first waiting member whose needed run is complete, and returns it.
-    fn next_ready(&self, waiting: &mut Vec<(usize, &'a Member)>) -> Result<Option<(usize, &'a Member)>, TrainError> {
-        for i in 0..waiting.len() {
-            if waiting[i].1.is_ready()? {
-                return Ok(Some(waiting.remove(i)));
-            }
-        }
-        Ok(None)
+    /// Tells whether the run that has to be complete before a member is complete.
+    fn is_ready(&self, member: &Member) -> bool {
+        let Some(needed) = &member.needs else { return true };
+        let mut members = self.members.iter().zip(&self.endings);
+        members.any(|(m, ending)| m.run == *needed && matches!(ending, Some(Ending::WasComplete | Ending::Completed)))
+    }
+
+    /// Removes the first waiting member that can start, and returns it.
+    fn next_ready(&self, waiting: &mut Vec<(usize, &'a Member)>) -> Option<(usize, &'a Member)> {
+        let next = waiting.iter().position(|(_, member)| self.is_ready(member))?;
+        Some(waiting.remove(next))
     }
 
     /// Ends all waiting members if none of them can start, while nothing runs.
-    fn give_up(
-        &mut self,
-        waiting: &mut Vec<(usize, &'a Member)>,
-        display: &mut dyn OverviewDisplay,
-    ) -> Result<(), TrainError> {
-        for (_, member) in waiting.iter() {
-            if member.is_ready()? {
-                return Ok(());
-            }
+    fn give_up(&mut self, waiting: &mut Vec<(usize, &'a Member)>, display: &mut dyn OverviewDisplay) {
+        if waiting.iter().any(|(_, member)| self.is_ready(member)) {
+            return;
         }
         for (position, member) in waiting.drain(..) {
-            let needed = member.needs.as_deref().unwrap_or(Path::new("")).display().to_string();
+            let needed = member.needs.iter().map(|run| run.display().to_string()).collect::<String>();
             let ending = Ending::Failed {
                 status: "it did not start".to_owned(),
-                lines: vec![format!("error: it needs {needed}, which is not complete")],
+                lines: vec![format!("{ERROR}it needs {needed}, which is not complete")],
             };
             display.note(&describe(member, &ending));
             self.endings[position] = Some(ending);
         }
-        Ok(())
     }
 
     /// Removes the processes that have ended from the running ones.

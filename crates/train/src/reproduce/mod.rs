@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use crate::config::{RunConfig, Settings, differences};
 use crate::request::{NewRun, resolve};
 use crate::run_dir::{LOCK, is_run, lock, read_config, read_provenance};
-use crate::{Summary, TrainError, checkpoint};
-use eigenhand_files::{cannot, create_directory, write_atomically};
+use crate::{Summary, TrainError, checkpoint, json_file};
+use eigenhand_files::{cannot, create_directory};
 use eigenhand_hands::Hand;
 
 pub mod children;
@@ -18,6 +18,7 @@ mod overview;
 mod spaces;
 mod variant;
 
+use variant::run_name;
 pub use variant::{Comparison, Directions, Numbers, STUDY, StudyFile, StudyVariant, Variant};
 
 pub use overview::{Overview, OverviewBars, OverviewDisplay, OverviewLines, Progressing, Silent};
@@ -95,7 +96,8 @@ impl Reproduction {
     /// Resolves the settings, locks the directory, and finds the state of its runs. No run is changed.
     ///
     /// # Errors
-    /// The first fault of the settings or the hand; [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when
+    /// The first fault of the settings or the hand, which a study also has if it does not say which actuators close it;
+    /// [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when
     /// a run in the directory has other settings or another version of the hand; [`TrainError::Locked`].
     pub fn prepare(request: &Request) -> Result<Reproduction, TrainError> {
         refuse_varied(&request.settings)?;
@@ -120,7 +122,16 @@ impl Reproduction {
         if is_run(&directory) {
             return Err(TrainError::RunExists { path: directory });
         }
-        let variants = comparison.variants(config.synergy.components);
+        if comparison == Comparison::ControlStudy && hand.manifest.closing.is_empty() {
+            return Err(TrainError::Option {
+                option: "--study control".to_owned(),
+                reason: format!(
+                    "the hand {name} has no [closing] in hand.toml, so no number can be made by hand; add it (docs/hands.md)"
+                ),
+            });
+        }
+        // A synergy has at most as many components as the hand has actuators, without the slide.
+        let variants = comparison.variants(config.synergy.components.min(hand.actuators.len()));
         let mut members = Vec::new();
         for (&seed, variant) in seeds.iter().flat_map(|seed| variants.iter().map(move |variant| (seed, variant))) {
             // The settings of each run are checked before any run starts.
@@ -152,8 +163,7 @@ impl Reproduction {
     /// Makes the space in which a member's policy acts, if the study makes it.
     ///
     /// # Errors
-    /// [`TrainError::Synergy`] for a run without a synergy, [`TrainError::Option`] for a hand that does not say which
-    /// actuators close it, [`TrainError::File`].
+    /// [`TrainError::NoMotions`] for a run without a synergy, [`TrainError::File`].
     pub fn make_space(&self, member: &Member) -> Result<(), TrainError> {
         let (Some(path), Some(numbers)) = (&member.synergy, &member.variant.space) else { return Ok(()) };
         match (&numbers.directions, &member.needs) {
@@ -185,10 +195,7 @@ fn write_study(variants: &[Variant], seeds: &[u64], directory: &Path) -> Result<
         runs: seeds.iter().map(|&seed| variant.run_name(seed)).collect(),
     };
     let file = StudyFile { schema: 1, variants: variants.iter().map(variant).collect() };
-    let path = directory.join(STUDY);
-    let text = serde_json::to_string_pretty(&file)
-        .map_err(|error| TrainError::Format { path: path.clone(), reason: error.to_string() })?;
-    Ok(write_atomically(&path, format!("{text}\n").as_bytes())?)
+    json_file::write(&directory.join(STUDY), &file)
 }
 
 impl Member {
@@ -199,23 +206,12 @@ impl Member {
             variant: variant.clone(),
             seed: config.seed,
             synergy: variant.synergy_path(directory, config.seed),
-            needs: variant.needs().map(|needed| directory.join(format!("{needed}-s{}", config.seed))),
+            needs: variant.needs().map(|needed| directory.join(run_name(needed, config.seed))),
             episodes: config.episodes,
             log: directory.join(format!("{name}.log")),
             state: state_of(&run)?,
             run,
             name,
-        })
-    }
-
-    /// Tells whether the run that has to be complete before this one is complete.
-    ///
-    /// # Errors
-    /// [`TrainError::Damaged`] for a summary that cannot be read.
-    pub(crate) fn is_ready(&self) -> Result<bool, TrainError> {
-        Ok(match &self.needs {
-            Some(run) => state_of(run)? == State::Complete,
-            None => true,
         })
     }
 

@@ -23,8 +23,11 @@ pub(super) const SPACES: &str = "spaces";
 /// of the synergy, so that they vary as much; only the directions differ.
 ///
 /// # Errors
-/// [`TrainError::Synergy`] for a run without a control synergy, [`TrainError::File`].
+/// [`TrainError::NoMotions`] for a run without a control synergy, [`TrainError::Synergy`], [`TrainError::File`].
 pub(super) fn write_random(run: &Path, k: usize, seed: u64, path: &Path) -> Result<(), TrainError> {
+    if !run.join(SYNERGY).is_dir() {
+        return Err(TrainError::NoMotions { run: run.to_owned() });
+    }
     let found = eigenhand_synergy::import(run.join(SYNERGY))?;
     let own = &found.file.synergy;
     let n = own.n_joints();
@@ -42,18 +45,9 @@ pub(super) fn write_random(run: &Path, k: usize, seed: u64, path: &Path) -> Resu
 /// Writes a space of one number, from the commands of the open hand to those with every closing actuator at its end.
 ///
 /// # Errors
-/// [`TrainError::Option`] for a hand whose `hand.toml` does not say which actuators close it.
+/// [`TrainError::Sim`], [`TrainError::Synergy`] for a hand that nothing closes, [`TrainError::File`].
 pub(super) fn write_closing(hand: &Hand, config: &RunConfig, path: &Path) -> Result<(), TrainError> {
     let closing = &hand.manifest.closing;
-    if closing.is_empty() {
-        return Err(TrainError::Option {
-            option: "--study control".to_owned(),
-            reason: format!(
-                "the hand {} has no [closing] in hand.toml, so there is no number made by hand; add it (docs/hands.md)",
-                hand.manifest.name
-            ),
-        });
-    }
     let task = task_of(config, hand, &MuJoCo::load()?)?;
     let actuators = HandActuators::of(hand, &task);
     let open = actuators.commands(&task.start_action());

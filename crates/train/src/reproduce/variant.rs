@@ -97,7 +97,8 @@ impl Variant {
     }
 }
 
-fn run_name(variant: &str, seed: u64) -> String {
+/// `<variant>-s<seed>`
+pub(super) fn run_name(variant: &str, seed: u64) -> String {
     format!("{variant}-s{seed}")
 }
 
