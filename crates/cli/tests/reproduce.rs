@@ -200,7 +200,8 @@ fn a_study_trains_each_space_after_the_run_that_it_needs() {
         command
     };
     let told = stderr(&status(&mut study(&[]), 0));
-    let order = |first: &str, then: &str| told.find(first).unwrap() < told.find(then).unwrap();
+    let line = |part: &str| told.lines().position(|line| line.starts_with(part)).unwrap();
+    let order = |first: &str, then: &str| line(first) < line(then);
     assert!(order("joints-s1 is complete", "free-synergy-2-s1 starts"), "{told}");
     for variant in ["synergy-2", "synergy-1", "random-2"] {
         assert!(order("confined-s1 is complete", &format!("{variant}-s1 starts")), "{told}");
