@@ -1,10 +1,11 @@
 """Runs a trained policy in plain MuJoCo: NumPy and the `mujoco` package, nothing else.
 
-    python run_policy.py RUN [--object NAME] [--episodes N] [--seed N] [--render FILE.png]
+    python run_policy.py RUN [--numbers K] [--object NAME] [--episodes N] [--seed N] [--render FILE.png]
 
 RUN is a run directory, or what `cargo xtask export` wrote. The script first repeats the reference step that the run
 recorded, and prints the largest difference of observation, action and next observation. Then it plays episodes and
-prints which of them succeed.
+prints which of them succeed. With --numbers, K numbers command the hand: at every step, the policy's commands are
+projected on the mean and the first K components of the run's control synergy.
 """
 
 import argparse
@@ -58,6 +59,26 @@ class Policy:
         self.map = (tensors["action.matrix"], tensors["action.offset"]) if "action.matrix" in tensors else None
         self.low = np.array([actuator["low"] for actuator in self.config["action"]])
         self.high = np.array([actuator["high"] for actuator in self.config["action"]])
+        self.tensors, self.space = tensors, None
+
+    def use_numbers(self, synergy, k):
+        """Lets only the first k numbers of a control synergy reach the hand, and tells the policy so."""
+        names = [actuator["actuator"] for actuator in self.config["action"]]
+        rows = np.array(synergy["components"])
+        indices = [names.index(actuator["name"]) for actuator in synergy["actuators"]]
+        self.space = indices, np.array(synergy["mean"]), rows[:k]
+        if k < len(rows) and "numbers.weight" in self.tensors:
+            weight, bias = self.layers[0]
+            self.layers[0] = weight, bias + self.tensors["numbers.weight"] / max(k, 1)
+
+    def project(self, action):
+        indices, mean, rows = self.space
+        low, half = self.low[indices], (self.high - self.low)[indices] / 2
+        command = low + (action[indices] + 1) * half
+        command = mean + (command - mean) @ rows.T @ rows
+        projected = np.array(action, float)
+        projected[indices] = np.divide(command - low, half, out=np.ones(len(half)), where=half > 0) - 1
+        return projected
 
     def normalise(self, name, value):
         (mean, std), clip = self.scaling[name], self.config["normalizer"]
@@ -70,10 +91,12 @@ class Policy:
             x = np.maximum(weight @ x + bias, 0)
         weight, bias = self.layers[-1]
         output = np.tanh(weight @ x + bias)
-        if self.map is None:
-            return output
-        matrix, offset = self.map
-        return np.clip(matrix @ output + offset, -1, 1)
+        if self.map is not None:
+            matrix, offset = self.map
+            output = matrix @ output + offset
+        if self.space is not None:
+            output = self.project(output)
+        return np.clip(output, -1, 1)
 
     def controls(self, action):
         """Maps an action onto the actuators' control ranges."""
@@ -229,17 +252,23 @@ def render(scene, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("run", type=pathlib.Path, help="run directory, or an export of it")
+    parser.add_argument("--numbers", type=int, metavar="K", help="command the hand with K numbers")
     parser.add_argument("--object", help="name of the object; all of the run's by default")
     parser.add_argument("--episodes", type=int, default=1, help="episodes with each object")
     parser.add_argument("--seed", type=int, default=0, help="seed of the starts")
     parser.add_argument("--render", metavar="FILE.png", help="picture of the last episode's end")
     options = parser.parse_args()
 
-    policy = Policy(options.run)
+    policy, reference_policy = Policy(options.run), Policy(options.run)
     references = json.loads((options.run / "scenes" / "reference.json").read_text())
     known = [reference["object"] for reference in references]
     if options.object and options.object not in known:
         parser.error(f"unknown object {options.object}; the run has {', '.join(known)}")
+    if options.numbers is not None:
+        synergy = tomllib.loads((options.run / "synergy" / "synergy.toml").read_text())
+        if not 0 <= options.numbers <= len(synergy["components"]):
+            parser.error(f"--numbers goes from 0 to {len(synergy['components'])} for this run")
+        policy.use_numbers(synergy, options.numbers)
     print(f"MuJoCo {mujoco.__version__}, hand {policy.config['hand']}")
     tolerance = TOLERANCE if mujoco.__version__ == RUN_VERSION else NEWER_TOLERANCE
     random, good, played, worst = np.random.default_rng(options.seed), 0, 0, 0.0
@@ -247,7 +276,7 @@ def main():
         if options.object not in (None, reference["object"]):
             continue
         scene = Scene(options.run, policy, reference)
-        differences = check(scene, policy, reference)
+        differences = check(scene, reference_policy, reference)
         worst = max(worst, *differences.values())
         print(f"{reference['object']}: largest difference", ", ".join(f"{n} {d:.1e}" for n, d in differences.items()))
         for episode in range(options.episodes):

@@ -63,6 +63,39 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
 }
 
 #[test]
+fn a_confined_policy_has_the_frozen_space_and_learns_with_fewer_numbers() {
+    let run = Run::new(gripper_with_vane());
+    let settings = ["lambda=1", "synergy.components=2", "synergy.anneal=[0.3, 0.6]", "synergy.motions=4"];
+    let config = tiny(&[&LONGER[..], &settings].concat());
+    run.train(&config);
+    let database = PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap();
+    let (postures, motions) = (database.load().unwrap(), database.motions().unwrap());
+    let by_episode: Vec<_> = motions.chunk_by(|a, b| a.episode == b.episode).collect();
+    // The schedule of docs/algorithms.md.
+    let total = config.episodes as f64;
+    let start = (0.3 * total).max(by_episode[3][0].episode as f64 + 1.0);
+    let end = start + (0.3 * total).min((total - start) / 2.0);
+    let frozen: Vec<_> = by_episode.iter().filter(|motion| (motion[0].episode as f64) < end).collect();
+    let samples: Vec<&Vec<f64>> =
+        frozen[frozen.len() - 4..].iter().flat_map(|motion| motion.iter().map(|step| &step.command)).collect();
+    let synergy = eigenhand_synergy::import(run.file("synergy")).unwrap().file.synergy;
+    assert_eq!(synergy.n_postures(), samples.len());
+    for (i, mean) in synergy.mean().iter().enumerate() {
+        let expected = samples.iter().map(|command| command[i]).sum::<f64>() / samples.len() as f64;
+        assert!((mean - expected).abs() < 1e-12, "{mean} {expected}");
+    }
+    // Every other episode has one number instead of two, which the policy is told.
+    let confined =
+        postures.iter().filter(|p| p.episode as f64 >= start + 2.0 * config.training.episodes_per_cycle as f64);
+    let [even, odd]: [Vec<_>; 2] = [0, 1].map(|rest| confined.clone().filter(|p| p.episode % 2 == rest).collect());
+    assert!(even.iter().any(|p| p.source == Source::Policy) && !odd.is_empty());
+    assert!(odd.iter().all(|p| p.source == Source::Noise));
+    let tensors = TensorMap::load_bytes(&run.bytes("policy.safetensors")).unwrap();
+    let told = tensors.f32s("numbers.weight", &[config.learner.hidden[0]]).unwrap();
+    assert!(told.iter().any(|weight| *weight != 0.0));
+}
+
+#[test]
 fn a_motion_has_ten_steps_of_the_approach_and_ten_of_the_hold() {
     let run = Run::new(gripper_with_vane());
     let config = tiny(&LONGER);

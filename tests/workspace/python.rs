@@ -7,6 +7,8 @@ use std::sync::atomic::AtomicBool;
 
 use eigenhand_hands::Hand;
 
+use crate::confinement::gripper_with_vane;
+use crate::gripper::LONGER;
 use crate::support::{DieAfter, Run, gripper, python, python_has, registry, tiny, workspace};
 
 /// Runs an example and returns what it printed; it must succeed.
@@ -59,6 +61,24 @@ fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
         let last = printed.lines().last().unwrap();
         assert!(last.ends_with("of 4 episodes succeeded"), "{printed}");
     }
+}
+
+#[test]
+fn the_policy_runs_with_fewer_numbers() {
+    if !(python_has("numpy, mujoco") && has_toml()) {
+        return;
+    }
+    let run = Run::new(gripper_with_vane());
+    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.anneal=[0.3, 0.6]"]].concat()));
+    let played = |arguments: &[&str]| {
+        let printed = example("run_policy.py", &[&["--episodes", "3"], arguments].concat(), &run.path);
+        printed.lines().filter(|line| line.contains("episode")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let all = played(&[]);
+    assert_eq!(played(&["--numbers", "2"]), all, "the policy has two numbers");
+    assert!(all.last().unwrap() != "0 of 3 episodes succeeded", "{all:?}");
+    assert_eq!(played(&["--numbers", "0"]).last().unwrap(), "0 of 3 episodes succeeded", "a hand that does not move");
+    assert_ne!(played(&["--numbers", "1"]).last().unwrap(), "0 of 3 episodes succeeded");
 }
 
 #[test]

@@ -5,7 +5,9 @@
 
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_rl::{ActionMap, ActorChoice, Batch, Ddpg, Dimensions, ExplorationConfig, RlError, rng, sample_batch};
+use eigenhand_rl::{
+    ActionMap, ActorChoice, Batch, Ddpg, Dimensions, ExplorationConfig, Numbers, RlError, rng, sample_batch,
+};
 use eigenhand_sim::{GraspEnv, GraspTask, RewardConfig};
 use eigenhand_synergy::Synergy;
 use eigenhand_train::config::RunConfig;
@@ -87,7 +89,7 @@ fn of_learner(config: &RunConfig, task: &GraspTask, count: Counter) -> Result<(f
     sample();
     let samplings = count(&mut || (0..UPDATES).for_each(|_| sample()));
     outcome?;
-    learner.set_action_map(Some(confined(shape.act_dim)?));
+    learner.set_numbers(vec![Numbers { map: confined(shape.act_dim)?, fewer: None }]);
     let updates = threads.install(|| {
         learner.update(&batch);
         count(&mut || (0..UPDATES).for_each(|_| _ = learner.update(&batch)))

@@ -81,19 +81,38 @@ pub struct Dimensions {
     pub act_dim: usize,
     /// Outputs of the actor. If they are not the actions, the learner needs an [`ActionMap`].
     pub n_outputs: usize,
+    /// Whether actor and critic are told through how many numbers the actor acts, see [`Numbers`].
+    pub told_numbers: bool,
+}
+
+/// A space of actions with few dimensions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Numbers {
+    /// The map from the actor's outputs to its actions.
+    pub map: ActionMap,
+    /// Its dimensions, if they are fewer than the policy has at the end.
+    pub fewer: Option<usize>,
+}
+
+impl Numbers {
+    /// (fewer dimensions) => what the networks are told: 0 if there are no fewer
+    pub(crate) fn told(fewer: Option<usize>) -> f32 {
+        fewer.map_or(0.0, |k| 1.0 / k.max(1) as f32)
+    }
 }
 
 impl Dimensions {
     /// Returns the sizes for episodes of a shape, with an actor whose outputs are the actions.
     pub fn of(shape: EpisodeShape) -> Self {
         let EpisodeShape { obs_dim, goal_dim, act_dim, .. } = shape;
-        Self { obs_dim, goal_dim, act_dim, n_outputs: act_dim }
+        Self { obs_dim, goal_dim, act_dim, n_outputs: act_dim, told_numbers: false }
     }
 }
 
 /// The learner: actor and critic, their targets and optimisers, and the normalisers of their inputs.
 ///
-/// The actor reads the normalised observation and the normalised goal. The critic reads the same and then the action. An
+/// The actor reads the normalised observation and the normalised goal, then perhaps how many [`Numbers`] it has. The critic
+/// reads the same and then the action. An
 /// episode ends at a time limit and never in a terminal state, so every target includes the value of the next state.
 ///
 /// # Source
@@ -108,16 +127,18 @@ pub struct Ddpg {
     pub(crate) observation: RunningNormalizer,
     pub(crate) goal: RunningNormalizer,
     pub(crate) n_updates: u64,
-    /// None: the actor's outputs are the actions.
-    action_map: Option<ActionMap>,
+    /// The first is the policy's; the rows of a batch take turns. None: the actor's outputs are the actions.
+    numbers: Vec<Numbers>,
     act_dim: usize,
+    told_numbers: bool,
     scratch: Scratch,
 }
 
 /// Everything that an update writes besides the networks. It is allocated once.
 #[derive(Clone, Debug)]
 struct Scratch {
-    /// Rows of normalised observation, normalised goal and action. The actor reads the first two parts of each row.
+    /// Rows of normalised observation, normalised goal, perhaps how many numbers there are, and action. The actor reads all
+    /// but the action.
     input: Aligned,
     next_input: Aligned,
     targets: Vec<f32>,
@@ -138,14 +159,14 @@ impl Ddpg {
     /// [`RlError::Config`] if a constant is out of range or a size is 0.
     pub fn new(config: DdpgConfig, dimensions: Dimensions, rng: &mut impl Rng) -> Result<Self, RlError> {
         config.validate()?;
-        let Dimensions { obs_dim, goal_dim, act_dim, n_outputs } = dimensions;
+        let Dimensions { obs_dim, goal_dim, act_dim, n_outputs, told_numbers } = dimensions;
         for (field, n) in [("obs_dim", obs_dim), ("goal_dim", goal_dim), ("act_dim", act_dim), ("n_outputs", n_outputs)]
         {
             if n == 0 {
                 return Err(RlError::Config { field, expected: "at least 1", got: n.to_string() });
             }
         }
-        let state = obs_dim + goal_dim;
+        let state = obs_dim + goal_dim + usize::from(told_numbers);
         let sizes = |inputs, outputs| -> Vec<usize> {
             std::iter::once(inputs).chain(config.hidden.iter().copied()).chain([outputs]).collect()
         };
@@ -174,8 +195,9 @@ impl Ddpg {
             observation: RunningNormalizer::new(config.normalizer, obs_dim),
             goal: RunningNormalizer::new(config.normalizer, goal_dim),
             n_updates: 0,
-            action_map: None,
+            numbers: Vec::new(),
             act_dim,
+            told_numbers,
             scratch,
             config,
         })
@@ -220,7 +242,9 @@ impl Ddpg {
             ActorChoice::Target => &self.actor.target,
             ActorChoice::Average => &self.average,
         };
-        Policy::new(actor.clone(), self.observation.clone(), self.goal.clone(), self.action_map.clone())
+        let map = self.numbers.first().map(|numbers| numbers.map.clone());
+        let (actor, told) = if self.told_numbers { actor.without_last_input() } else { (actor.clone(), Vec::new()) };
+        Policy::new(actor, told, self.observation.clone(), self.goal.clone(), map)
     }
 
     /// Sets the learning rates of the following updates.
@@ -229,15 +253,23 @@ impl Ddpg {
         self.critic.adam.set_learning_rate(critic);
     }
 
-    /// Sets the map from the actor's outputs to actions, for the following updates and policies. A checkpoint does not hold
-    /// it.
+    /// Sets the maps from the actor's outputs to actions, for the following updates and policies; without a map, the outputs
+    /// are the actions. The first is that of [`policy`](Self::policy). The rows of a batch take turns with all of them:
+    /// the actor learns to act through each. A checkpoint does not hold the maps.
     ///
     /// # Panics
-    /// If the map has other sizes than the learner.
-    pub fn set_action_map(&mut self, map: Option<ActionMap>) {
-        let (outputs, actions) = map.as_ref().map_or((self.act_dim, self.act_dim), |m| (m.n_outputs(), m.n_actions()));
-        assert_eq!((outputs, actions), (self.actor.online.outputs(), self.act_dim), "the map has other sizes");
-        self.action_map = map;
+    /// If a map has other sizes than the learner.
+    pub fn set_numbers(&mut self, numbers: Vec<Numbers>) {
+        let outputs = self.actor.online.outputs();
+        let fits = |of: &Numbers| (of.map.n_outputs(), of.map.n_actions()) == (outputs, self.act_dim);
+        let fit = if numbers.is_empty() { outputs == self.act_dim } else { numbers.iter().all(fits) };
+        assert!(fit, "a map has other sizes");
+        self.numbers = numbers;
+    }
+
+    /// Returns what [`set_numbers`](Self::set_numbers) set.
+    pub fn numbers(&self) -> &[Numbers] {
+        &self.numbers
     }
 
     fn act_dim(&self) -> usize {
@@ -246,7 +278,7 @@ impl Ddpg {
 
     fn fill_inputs(&mut self, batch: &Batch) {
         let (obs_dim, goal_dim, act_dim) = (self.observation.dim(), self.goal.dim(), self.act_dim());
-        let state = obs_dim + goal_dim;
+        let state = obs_dim + goal_dim + usize::from(self.told_numbers);
         let n = self.config.batch_size;
         assert_eq!(batch.len, n, "the batch is not of the configured size");
         let lengths = [batch.observations.len(), batch.next_observations.len(), batch.goals.len(), batch.actions.len()];
@@ -257,7 +289,11 @@ impl Ddpg {
             let goal = &batch.goals[i * goal_dim..][..goal_dim];
             self.observation.normalize(&batch.observations[i * obs_dim..][..obs_dim], &mut row[..obs_dim]);
             self.observation.normalize(&batch.next_observations[i * obs_dim..][..obs_dim], &mut next[..obs_dim]);
-            self.goal.normalize(goal, &mut row[obs_dim..state]);
+            self.goal.normalize(goal, &mut row[obs_dim..obs_dim + goal_dim]);
+            if self.told_numbers {
+                let fewer = i.checked_rem(self.numbers.len()).and_then(|turn| self.numbers[turn].fewer);
+                row[state - 1] = Numbers::told(fewer);
+            }
             next[obs_dim..state].copy_from_slice(&row[obs_dim..state]);
             row[state..].copy_from_slice(&batch.actions[i * act_dim..][..act_dim]);
         }
@@ -269,7 +305,7 @@ impl Ddpg {
         let Scratch { next_input, targets, actor, critic, .. } = &mut self.scratch;
         let stride = next_input.len() / targets.len();
         let outputs = self.actor.target.forward(Rows { data: next_input, stride }, actor);
-        write_actions(next_input, stride, outputs, act_dim, self.action_map.as_ref());
+        write_actions(next_input, stride, outputs, act_dim, &self.numbers);
         let values = self.critic.target.forward(Rows { data: next_input, stride }, critic);
         let least = self.config.least_target();
         let (mut sum, mut n_clipped) = (0.0, 0u32);
@@ -312,7 +348,7 @@ impl Ddpg {
         let n = value_gradient.len();
         let stride = input.len() / n;
         let actions = self.actor.online.forward(Rows { data: input, stride }, actor);
-        write_actions(input, stride, actions, act_dim, self.action_map.as_ref());
+        write_actions(input, stride, actions, act_dim, &self.numbers);
         let square_mean = elementwise::dot(actions, actions) / actions.len() as f32;
         let l2 = action_l2(&self.config, actions.len() / n);
 
@@ -322,12 +358,11 @@ impl Ddpg {
         let wanted = InputGradient { first: stride - act_dim, out: action_gradient };
         self.critic.online.backward(x, value_gradient, critic, None, Some(wanted));
 
-        let by_output = match &self.action_map {
-            None => &mut *action_gradient,
-            Some(map) => {
-                pull_back(map, input, stride, action_gradient, output_gradient);
-                &mut *output_gradient
-            }
+        let by_output = if self.numbers.is_empty() {
+            &mut *action_gradient
+        } else {
+            pull_back(&self.numbers, input, stride, action_gradient, output_gradient);
+            &mut *output_gradient
         };
         let slope = 2.0 * l2 / by_output.len() as f32;
         by_output.iter_mut().zip(actor.output()).for_each(|(g, a)| *g += slope * a);
@@ -344,30 +379,50 @@ fn action_l2(config: &DdpgConfig, act_dim: usize) -> f32 {
 }
 
 /// (rows of inputs, the actor's outputs) => the actions in the last part of each row
-fn write_actions(input: &mut [f32], stride: usize, outputs: &[f32], act_dim: usize, map: Option<&ActionMap>) {
-    let n_outputs = map.map_or(act_dim, ActionMap::n_outputs);
-    for (row, output) in input.chunks_exact_mut(stride).zip(outputs.chunks_exact(n_outputs)) {
-        let action = &mut row[stride - act_dim..];
-        match map {
-            None => action.copy_from_slice(output),
-            Some(map) => {
-                map.apply(output, action);
-                action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
-            }
-        }
+fn write_actions(input: &mut [f32], stride: usize, outputs: &[f32], act_dim: usize, numbers: &[Numbers]) {
+    let actions = input.chunks_exact_mut(stride).map(|row| &mut row[stride - act_dim..]);
+    let Some(first) = numbers.first() else {
+        actions.zip(outputs.chunks_exact(act_dim)).for_each(|(action, output)| action.copy_from_slice(output));
+        return;
+    };
+    let outputs = outputs.chunks_exact(first.map.n_outputs());
+    for ((action, output), Numbers { map, .. }) in actions.zip(outputs).zip(numbers.iter().cycle()) {
+        map.apply(output, action);
+        action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
     }
 }
 
 /// (rows of inputs with the clamped actions, gradient by them) => gradient by the actor's outputs
 ///
 /// A clamped action does not change with the outputs, so its gradient is left out.
-fn pull_back(map: &ActionMap, input: &[f32], stride: usize, by_action: &mut [f32], by_output: &mut [f32]) {
-    let (act_dim, n_outputs) = (map.n_actions(), map.n_outputs());
-    let rows = input.chunks_exact(stride).zip(by_action.chunks_exact_mut(act_dim));
-    for ((row, by_action), by_output) in rows.zip(by_output.chunks_exact_mut(n_outputs)) {
+fn pull_back(numbers: &[Numbers], input: &[f32], stride: usize, by_action: &mut [f32], by_output: &mut [f32]) {
+    let (act_dim, n_outputs) = (numbers[0].map.n_actions(), numbers[0].map.n_outputs());
+    let rows = input.chunks_exact(stride).zip(by_action.chunks_exact_mut(act_dim)).zip(numbers.iter().cycle());
+    for (((row, by_action), Numbers { map, .. }), by_output) in rows.zip(by_output.chunks_exact_mut(n_outputs)) {
         for (gradient, action) in by_action.iter_mut().zip(&row[stride - act_dim..]) {
             *gradient = if action.abs() < 1.0 { *gradient } else { 0.0 };
         }
         map.pull_back(by_action, by_output);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_take_turns_with_the_maps() {
+        let through = |matrix: [f32; 2], offset: f32| Numbers {
+            map: ActionMap::new(matrix.to_vec(), vec![offset], 2).unwrap(),
+            fewer: None,
+        };
+        let maps = [through([1.0, 2.0], 0.0), through([0.5, 0.0], 0.25)];
+        // Rows of one state and one action.
+        let mut rows = [9.0, 0.0, 9.0, 0.0, 9.0, 0.0];
+        write_actions(&mut rows, 2, &[0.1, 0.2, 0.1, 0.2, 1.0, 1.0], 1, &maps);
+        assert_eq!(rows, [9.0, 0.5, 9.0, 0.3, 9.0, 1.0]);
+        let mut by_output = [7.0; 6];
+        pull_back(&maps, &rows, 2, &mut [1.0, 1.0, 1.0], &mut by_output);
+        assert_eq!(by_output, [1.0, 2.0, 0.5, 0.0, 0.0, 0.0], "a clamped action has no gradient");
     }
 }

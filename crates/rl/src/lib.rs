@@ -37,7 +37,7 @@ mod tensors;
 
 pub use action_map::ActionMap;
 pub use config::{ACTION_L2_DIMENSIONS, DdpgConfig};
-pub use ddpg::{Ddpg, Dimensions, UpdateStats};
+pub use ddpg::{Ddpg, Dimensions, Numbers, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};
 pub use error::RlError;
 pub use explore::{ActionDimension, Coordination, Exploration, ExplorationConfig};

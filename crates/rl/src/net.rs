@@ -115,6 +115,26 @@ impl Mlp {
         net
     }
 
+    /// Splits the last input off: returns a network without it, which gives the outputs for 0 at that input, and the weights
+    /// with which the units of the first layer read it.
+    ///
+    /// # Panics
+    /// If there is only one input.
+    pub(crate) fn without_last_input(&self) -> (Mlp, Vec<f32>) {
+        let first = self.layers[0];
+        let sizes: Vec<usize> =
+            std::iter::once(first.inputs - 1).chain(self.layers.iter().map(|layer| layer.outputs)).collect();
+        let mut net = Mlp { layer_norm: self.layer_norm, ..Self::zeros(&sizes, self.output) };
+        let weights = &self.parameters[first.weight()];
+        let last = weights.chunks_exact(first.inputs).map(|row| row[first.inputs - 1]).collect();
+        let kept = net.layers[0].weight();
+        let rows = net.parameters[kept].chunks_exact_mut(first.inputs - 1);
+        rows.zip(weights.chunks_exact(first.inputs)).for_each(|(to, from)| to.copy_from_slice(&from[..to.len()]));
+        let (to, from) = (net.layers[0].bias().start, first.bias().start);
+        net.parameters[to..].copy_from_slice(&self.parameters[from..]);
+        (net, last)
+    }
+
     /// Makes a network whose parameters are all zero.
     ///
     /// # Panics

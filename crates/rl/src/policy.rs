@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::tensors::{Tensor, TensorMap};
-use crate::{ActionMap, Mlp, NormalizerConfig, OutputActivation, RlError, RunningNormalizer};
+use crate::{ActionMap, Mlp, NormalizerConfig, Numbers, OutputActivation, RlError, RunningNormalizer};
 
 /// The choice among the learner's actors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -28,6 +28,9 @@ pub struct Policy {
 #[derive(Debug)]
 struct Parts {
     actor: Mlp,
+    /// With what weights the units of the first layer read how many [`Numbers`](crate::Numbers) the policy has; empty for a
+    /// policy that is not told.
+    told: Vec<f32>,
     observation: RunningNormalizer,
     goal: RunningNormalizer,
     /// None: the outputs are the actions.
@@ -42,17 +45,30 @@ pub struct PolicyScratch {
     output: Vec<f32>,
 }
 
+const TOLD: &str = "numbers.weight";
 const MAP_MATRIX: &str = "action.matrix";
 const MAP_OFFSET: &str = "action.offset";
 
 impl Policy {
     pub(crate) fn new(
         actor: Mlp,
+        told: Vec<f32>,
         observation: RunningNormalizer,
         goal: RunningNormalizer,
         map: Option<ActionMap>,
     ) -> Self {
-        Self { parts: Arc::new(Parts { actor, observation, goal, map }) }
+        Self { parts: Arc::new(Parts { actor, told, observation, goal, map }) }
+    }
+
+    /// Returns this policy, but told that only the first `k` of its numbers reach the hand. A policy that was not trained with
+    /// fewer numbers stays as it is.
+    pub fn with_fewer_numbers(&self, k: usize) -> Policy {
+        let Parts { actor, told, observation, goal, map } = &*self.parts;
+        let share = Numbers::told(Some(k));
+        let mut actor = actor.clone();
+        let bias = actor.layers()[0].bias();
+        actor.parameters_mut()[bias].iter_mut().zip(told).for_each(|(b, weight)| *b += weight * share);
+        Policy::new(actor, Vec::new(), observation.clone(), goal.clone(), map.clone())
     }
 
     /// Allocates buffers for [`act`](Self::act). They fit every policy of the same learner.
@@ -88,7 +104,7 @@ impl Policy {
         action: &mut [f32],
         explore: impl FnOnce(&mut [f32]),
     ) {
-        let Parts { actor, observation: observations, goal: goals, map } = &*self.parts;
+        let Parts { actor, observation: observations, goal: goals, map, .. } = &*self.parts;
         let PolicyScratch { input, hidden: [a, b], output } = scratch;
         let (obs_in, goal_in) = input.split_at_mut(observations.dim());
         observations.normalize(observation, obs_in);
@@ -127,12 +143,17 @@ impl Policy {
     }
 
     /// Exports the tensors with which another program can run the policy: `actor.{i}.weight` (outputs x inputs, row-major),
-    /// `actor.{i}.bias`, `mean` and `std` of `observation` and `goal`, and `action.matrix` and `action.offset` of the
-    /// [`ActionMap`], if there is one. The limits at which inputs are clipped are in [`NormalizerConfig`].
+    /// `actor.{i}.bias`, `mean` and `std` of `observation` and `goal`; `action.matrix` and `action.offset` of the
+    /// [`ActionMap`], if there is one; and `numbers.weight`, if the policy was trained with fewer numbers too: with the first
+    /// `k` of them, `numbers.weight / k` is added to `actor.0.bias`. The limits at which inputs are clipped are in
+    /// [`NormalizerConfig`].
     pub fn export_tensors(&self) -> TensorMap {
-        let Parts { actor, observation, goal, map } = &*self.parts;
+        let Parts { actor, told, observation, goal, map } = &*self.parts;
         let mut tensors = TensorMap::default();
         tensors.insert_network("actor", actor);
+        if !told.is_empty() {
+            tensors.insert(TOLD, Tensor::f32(vec![told.len()], told.clone()));
+        }
         for (name, normalizer) in [("observation", observation), ("goal", goal)] {
             tensors.insert(format!("{name}.mean"), Tensor::f32(vec![normalizer.dim()], normalizer.mean().to_vec()));
             tensors.insert(format!("{name}.std"), Tensor::f32(vec![normalizer.dim()], normalizer.std().to_vec()));
@@ -170,6 +191,10 @@ impl Policy {
         }
         let mut actor = Mlp::zeros(&sizes, OutputActivation::Tanh);
         tensors.read_network("actor", &mut actor)?;
+        let told = match tensors.get(TOLD) {
+            Err(_) => Vec::new(),
+            Ok(_) => tensors.f32s(TOLD, &[sizes[1]])?.to_vec(),
+        };
         let map = match tensors.get(MAP_MATRIX) {
             Err(_) => None,
             Ok(matrix) => {
@@ -180,7 +205,7 @@ impl Policy {
                 Some(ActionMap::new(matrix, offset, n_outputs)?)
             }
         };
-        let policy = Self::new(actor, observation, goal, map);
+        let policy = Self::new(actor, told, observation, goal, map);
         let written = policy.export_tensors();
         match tensors.iter().find(|(name, _)| written.get(name).is_err()) {
             Some((name, _)) => Err(RlError::TensorUnexpected { name: name.to_owned() }),

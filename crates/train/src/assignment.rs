@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::Dimensions;
+use eigenhand_rl::{Dimensions, Numbers};
 use eigenhand_sim::GraspTask;
 
 use crate::action_space::SynergySpace;
@@ -35,6 +35,11 @@ impl Assignment {
     pub(crate) fn dimensions(&self) -> Dimensions {
         let dimensions = Dimensions::of(episode_shape(&self.task));
         let n_outputs = self.space.as_ref().map_or(dimensions.n_outputs, |space| space.map.n_outputs());
-        Dimensions { n_outputs, ..dimensions }
+        Dimensions { n_outputs, told_numbers: self.config.confines(), ..dimensions }
+    }
+
+    /// Returns the numbers in which the policy acts from its first episode on; none if it commands every actuator.
+    pub(crate) fn numbers(&self) -> Vec<Numbers> {
+        self.space.iter().map(|space| Numbers { map: space.map.clone(), fewer: None }).collect()
     }
 }

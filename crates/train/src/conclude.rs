@@ -49,7 +49,8 @@ impl Trainer {
         let motions = self.motions_of(&policy, complete)?;
         let actuators = &self.control.actuators;
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
-        let space = control_space(&actuators.coordinates, &motions, most)?;
+        let episode = self.counters.episodes;
+        let space = control_space(&actuators.coordinates, self.control.described(episode, &motions), most)?;
         let mut evaluation = None;
         let mut success_with_components = Vec::new();
         let mut other_objects = None;
@@ -59,7 +60,16 @@ impl Trainer {
             if let Some(space) = &space {
                 let Assignment { config, task, .. } = &self.assignment;
                 let actuators = &self.control.actuators;
-                let driver = Driver { task, policy: &policy, actuators, space, free_steps: 0 };
+                let confined = self.control.is_confined(episode);
+                let driver = Driver {
+                    task,
+                    policy: &policy,
+                    actuators,
+                    space,
+                    numbers: config.synergy.components,
+                    confined,
+                    free_steps: 0,
+                };
                 success_with_components =
                     driver.measure_each(&mut self.pool, config.seed, EvaluationStream::Final, episodes)?;
             }
@@ -95,6 +105,7 @@ impl Trainer {
             control: ControlProduct::of(
                 &control.actuators,
                 &task.posture_joints,
+                control.described(episode, &motions),
                 &motions,
                 config.synergy.components,
                 recommended,
@@ -154,8 +165,17 @@ impl Trainer {
         let mut pool = WorkerPool::new(task, config.worker_count())?;
         let (seed, stream, episodes) = (config.seed, EvaluationStream::Final, config.evaluation.final_episodes);
         let found = evaluate(&mut pool, task, policy, seed, stream, 0..episodes)?;
+        let confined = self.control.is_confined(self.counters.episodes);
         let with_components = space.map(|space| {
-            let driver = Driver { task, policy, actuators: &self.control.actuators, space, free_steps: 0 };
+            let driver = Driver {
+                task,
+                policy,
+                actuators: &self.control.actuators,
+                space,
+                numbers: config.synergy.components,
+                confined,
+                free_steps: 0,
+            };
             driver.measure(&mut pool, config.synergy.components, seed, stream, episodes, false)
         });
         Ok(Some(OtherObjects {

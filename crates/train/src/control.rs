@@ -4,10 +4,9 @@
 //! commands of the hand's actuators along successful episodes, from the open hand to the goal. During training the policy
 //! is confined to it step by step, so that at the end a few numbers command the hand.
 
-use eigenhand_rl::ActionMap;
+use eigenhand_rl::Numbers;
 use eigenhand_synergy::{JointInfo, MotionRecord, Synergy};
 
-use crate::action_space::ActionSpace;
 use crate::actuators::HandActuators;
 use crate::config::{RunConfig, SynergyConfig};
 use crate::error::TrainError;
@@ -46,11 +45,7 @@ impl Control {
         Control {
             actuators,
             config: config.synergy.clone(),
-            last_rest: match config.action_space {
-                ActionSpace::Joints => (1.0 - config.lambda).max(0.0),
-                // The policy acts in a space of its own.
-                ActionSpace::Synergy => 1.0,
-            },
+            last_rest: if config.confines() { (1.0 - config.lambda).max(0.0) } else { 1.0 },
             total: config.episodes,
             motions: Vec::new(),
             starts: Vec::new(),
@@ -76,13 +71,12 @@ impl Control {
         let start = from.max(self.motions[last_needed].episode as f64 + 1.0);
         // A hand that learns late is confined within half of what is left.
         let length = (to - from).min((self.total as f64 - start).max(0.0) / 2.0);
-        (self.last_rest < 1.0 && self.config.anneal[0] < 1.0).then_some([start, start + length])
+        (self.last_rest < 1.0).then_some([start, start + length])
     }
 
     /// (training episodes so far) => whether the policy is as confined as it will be
     pub fn is_settled(&self, episode: u64) -> bool {
-        let free = self.last_rest >= 1.0 || self.config.anneal[0] >= 1.0;
-        free || self.span().is_some_and(|[_, end]| episode as f64 >= end)
+        self.last_rest >= 1.0 || self.span().is_some_and(|[_, end]| episode as f64 >= end)
     }
 
     /// (training episodes so far) => whether the policy commands nothing outside the space
@@ -98,9 +92,19 @@ impl Control {
         &self.motions[at(first)..at(known)]
     }
 
-    /// Fits the space to the newest motions before a training episode.
-    fn fit(&self, episode: u64) -> Result<Option<Synergy>, TrainError> {
-        control_space(&self.actuators.coordinates, self.newest(episode), self.config.components)
+    /// (training episodes so far) => the motions to which the space is fitted, or was when it was frozen
+    fn fitted(&self, episode: u64) -> &[MotionRecord] {
+        match self.span() {
+            Some([_, end]) if episode as f64 >= end => self.newest(end.ceil() as u64),
+            _ => self.newest(episode),
+        }
+    }
+
+    /// (training episodes so far, motions of the policy) => the motions that the exported space describes
+    ///
+    /// A confined policy has learned what the first numbers of the frozen space do alone, so that space is exported.
+    pub fn described<'a>(&'a self, episode: u64, own: &'a [MotionRecord]) -> &'a [MotionRecord] {
+        if self.is_confined(episode) { self.fitted(episode) } else { own }
     }
 
     /// (training episodes so far) => the space; none while there are too few motions
@@ -108,22 +112,34 @@ impl Control {
     /// # Errors
     /// [`TrainError::Synergy`].
     pub fn space(&mut self, episode: u64) -> Result<Option<Synergy>, TrainError> {
-        if let Some([_, end]) = self.span().filter(|[_, end]| self.settled.is_none() && episode as f64 >= *end) {
-            self.settled = self.fit(end.ceil() as u64)?;
+        if self.settled.is_some() {
+            return Ok(self.settled.clone());
         }
-        if self.settled.is_some() { Ok(self.settled.clone()) } else { self.fit(episode) }
+        let space = control_space(&self.actuators.coordinates, self.fitted(episode), self.config.components)?;
+        if self.span().is_some_and(|[_, end]| episode as f64 >= end) {
+            self.settled = space.clone();
+        }
+        Ok(space)
     }
 
-    /// (training episodes so far) => the map that confines the policy; none while it is free
+    /// (training episodes so far) => the maps that confine the policy, in the order of their turns: every other one is that of
+    /// the whole space, the others are those of its first component, its first two, and so on. None while the policy is
+    /// free.
     ///
     /// # Errors
     /// [`TrainError::Synergy`].
-    pub fn action_map(&mut self, episode: u64) -> Result<Option<ActionMap>, TrainError> {
+    pub fn numbers(&mut self, episode: u64) -> Result<Vec<Numbers>, TrainError> {
         let now = episode as f64;
-        let Some([start, end]) = self.span().filter(|[start, _]| now >= *start) else { return Ok(None) };
+        let Some([start, end]) = self.span().filter(|[start, _]| now >= *start) else { return Ok(Vec::new()) };
         let done = if end > start { ((now - start) / (end - start)).min(1.0) } else { 1.0 };
         let rest = 1.0 - (1.0 - self.last_rest) * done;
-        let space = self.space(episode)?;
-        space.map(|space| self.actuators.confine(space.mean(), space.components(), rest)).transpose()
+        let Some(space) = self.space(episode)? else { return Ok(Vec::new()) };
+        let (n, k) = (self.actuators.coordinates.len(), space.n_components());
+        let first = |fewer: Option<usize>| -> Result<Numbers, TrainError> {
+            let rows = &space.components()[..fewer.unwrap_or(k) * n];
+            Ok(Numbers { map: self.actuators.confine(space.mean(), rows, rest)?, fewer })
+        };
+        let turns = (1..k).flat_map(|fewer| [None, Some(fewer)]);
+        if k == 1 { Ok(vec![first(None)?]) } else { turns.map(first).collect() }
     }
 }

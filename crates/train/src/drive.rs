@@ -71,6 +71,10 @@ pub(crate) struct Driver<'a> {
     pub policy: &'a Policy,
     pub actuators: &'a HandActuators,
     pub space: &'a Synergy,
+    /// Numbers that the policy has at the end of its training. It is told if it has fewer.
+    pub numbers: usize,
+    /// Whether it commands nothing outside the first so many components of the space.
+    pub confined: bool,
     /// First steps of an episode in which the policy is free.
     pub free_steps: usize,
 }
@@ -94,7 +98,7 @@ pub(crate) fn fewest_components(success: &[f64], all_joints: f64) -> Option<usiz
 
 impl Driver<'_> {
     /// Measures the success with 0, 1, 2... components, up to all of the space. Components in which the policy's
-    /// commands do not vary change nothing, and are not measured again.
+    /// commands do not vary change nothing, and are not measured.
     ///
     /// # Errors
     /// As [`WorkerPool::collect`].
@@ -109,7 +113,7 @@ impl Driver<'_> {
         for k in 0..=self.space.n_components() {
             let last = k.checked_sub(1).map(|i| self.space.contribution()[i]);
             let rate = match (last, rates.last()) {
-                (Some(share), Some(&rate)) if share < STILL => rate,
+                (Some(share), Some(&rate)) if share < STILL || (self.confined && k > self.numbers) => rate,
                 _ => self.measure(pool, k, seed, stream, episodes, false)?.success_rate,
             };
             rates.push(rate);
@@ -132,10 +136,11 @@ impl Driver<'_> {
     ) -> Result<Driven, TrainError> {
         let n = self.space.n_joints();
         let k = k.min(self.space.n_components());
+        let policy = if k < self.numbers.min(n) { &self.policy.with_fewer_numbers(k) } else { self.policy };
         let mut run = |rows: &[f64], range| -> Result<Tally, TrainError> {
             let map = self.actuators.confine(self.space.mean(), rows, 0.0)?;
             let confinement = Confinement { map: Arc::new(map), free_steps: self.free_steps };
-            let found = simulate(pool, self.task, self.policy, seed, stream, range, Some(confinement))?;
+            let found = simulate(pool, self.task, policy, seed, stream, range, Some(confinement))?;
             Ok(Tally::of(found.iter()))
         };
         let Tally { episodes: counted, successes } = run(&self.space.components()[..k * n], 0..episodes)?;

@@ -9,12 +9,12 @@ use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::{Policy, TensorMap};
 use eigenhand_sim::{GraspEnv, GraspTask};
-use eigenhand_synergy::{PostureDatabase, Synergy, SynergyFile, newest};
+use eigenhand_synergy::{MotionRecord, PostureDatabase, Synergy, SynergyFile, newest};
 
 use crate::actuators::HandActuators;
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
-use crate::control::control_space;
+use crate::control::{Control, control_space};
 use crate::drive::{Drive, Driven, Driver, Freedom, is_nearly};
 use crate::error::TrainError;
 use crate::evaluation::{EvaluationStream, Tally, evaluate, simulate};
@@ -109,7 +109,8 @@ impl FinishedRun {
 
     /// Measures the success of the policy when its commands are projected on few numbers.
     ///
-    /// The space is that of the export, with all of its components, and without the actuators that are `free`.
+    /// The space is that of the export, with all of its components. Without the actuators that are `free`, it is fitted to
+    /// the motions of the policy.
     ///
     /// # Errors
     /// [`TrainError::Option`] for an actuator that the hand does not have, [`TrainError::NoMotions`] for a policy that
@@ -125,20 +126,20 @@ impl FinishedRun {
     ) -> Result<Drive, TrainError> {
         let actuators = HandActuators::of(&self.hand, &self.task).without(&free.actuators)?;
         let mut pool = WorkerPool::new(&self.task, workers)?;
-        // In the scene of training: the export was made of the same episodes.
-        let trained = RunConfig::read(&self.directory.join(CONFIG))?;
-        let task = task_of(&trained, &self.hand, &MuJoCo::load()?)?;
-        let motion_episodes = 0..trained.evaluation.selection_episodes;
-        let mut trained_pool = WorkerPool::new(&task, workers)?;
-        let stream = EvaluationStream::Motion;
-        let found = simulate(&mut trained_pool, &task, &self.policy, trained.seed, stream, motion_episodes, None)?;
-        drop(trained_pool);
-        let motions = motions(&found, &actuators, &task);
+        let motions = self.described_motions(&actuators, workers)?;
         let Some(space) = control_space(&actuators.coordinates, &motions, actuators.coordinates.len())? else {
             return Err(TrainError::NoMotions { run: self.directory.clone() });
         };
         let Self { task, policy, .. } = self;
-        let driver = Driver { task, policy, actuators: &actuators, space: &space, free_steps: free.steps };
+        let driver = Driver {
+            task,
+            policy,
+            actuators: &actuators,
+            space: &space,
+            numbers: self.config.synergy.components,
+            confined: false,
+            free_steps: free.steps,
+        };
         let mut rows = Vec::new();
         for k in components.filter(|&k| k <= space.n_components()) {
             let row = driver.measure(&mut pool, k, seed, EvaluationStream::Separate, episodes, true)?;
@@ -156,6 +157,23 @@ impl FinishedRun {
             success_rate: unprojected.success_rate(),
             interval: wilson_interval(unprojected.all.successes, unprojected.all.episodes),
         })
+    }
+
+    /// Returns the motions that the exported control synergy describes, with the commands of these actuators.
+    fn described_motions(&self, actuators: &HandActuators, workers: usize) -> Result<Vec<MotionRecord>, TrainError> {
+        // In the scene of training: the export was made of the same episodes.
+        let trained = RunConfig::read(&self.directory.join(CONFIG))?;
+        let task = task_of(&trained, &self.hand, &MuJoCo::load()?)?;
+        let episodes = Summary::read(&self.directory)?.map_or(trained.episodes, |summary| summary.episodes);
+        let mut control = Control::new(&trained, HandActuators::of(&self.hand, &task));
+        control.add(PostureDatabase::open_existing(self.directory.join(DATABASE))?.motions()?);
+        if control.is_confined(episodes) && actuators.coordinates == control.actuators.coordinates {
+            return Ok(control.described(episodes, &[]).to_vec());
+        }
+        let (seed, stream, own) = (trained.seed, EvaluationStream::Motion, 0..trained.evaluation.selection_episodes);
+        let mut pool = WorkerPool::new(&task, workers)?;
+        let found = simulate(&mut pool, &task, &self.policy, seed, stream, own, None)?;
+        Ok(motions(&found, actuators, &task))
     }
 
     /// Runs episodes of the policy in a scene until one succeeds, at most `tries`, and returns the environment at the

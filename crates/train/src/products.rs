@@ -55,21 +55,24 @@ pub(crate) struct ControlProduct {
 }
 
 impl ControlProduct {
-    /// Analyses the steps of motions; none while they are too few.
+    /// (motions that the space describes, motions of the policy) => the product, with the joint positions and grasps of the
+    /// policy; none while there are too few motions
     ///
     /// # Errors
     /// [`TrainError::Synergy`].
     pub fn of(
         actuators: &HandActuators,
         joints: &[JointInfo],
+        described: &[MotionRecord],
         motions: &[MotionRecord],
         components: usize,
         recommended: Option<Recommended>,
     ) -> Result<Option<ControlProduct>, TrainError> {
-        let Some(synergy) = control_space(&actuators.coordinates, motions, components)? else { return Ok(None) };
-        let (commands, postures): (Vec<_>, Vec<_>) =
-            motions.iter().map(|step| (step.command.clone(), step.posture.as_slice())).unzip();
-        let joint_map = JointMap::fit(&synergy, &commands, joints, &postures)?;
+        let Some(synergy) = control_space(&actuators.coordinates, described, components)? else { return Ok(None) };
+        let commands_of = |steps: &[MotionRecord]| steps.iter().map(|step| step.command.clone()).collect::<Vec<_>>();
+        let postures: Vec<_> = motions.iter().map(|step| step.posture.as_slice()).collect();
+        let joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
+        let commands = commands_of(described);
         let grasps = mean_grasps(&synergy, actuators, motions);
         Ok(Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }))
     }

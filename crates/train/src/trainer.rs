@@ -30,7 +30,7 @@ use crate::metrics::{MetricsRow, TRUSTED};
 use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
-use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
+use crate::rollout::{Behaviour, Confinement, Episode, EpisodeJob, WorkerPool, episode_shape};
 use crate::threads::learning_threads;
 
 /// A training run.
@@ -64,7 +64,7 @@ impl Trainer {
         let dimensions = assignment.dimensions();
         let mut random = rng::stream(config.seed, "init", 0);
         let mut learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
-        learner.set_action_map(assignment.space.as_ref().map(|space| space.map.clone()));
+        learner.set_numbers(assignment.numbers());
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
         Trainer::assemble(assignment, learner, checkpoints, Counters::default())
     }
@@ -80,7 +80,7 @@ impl Trainer {
             Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let Restored { counters, learner, finalists, episodes } = restored;
         let mut learner = Ddpg::from_tensors(config.learner.clone(), dimensions, &learner)?;
-        learner.set_action_map(assignment.space.as_ref().map(|space| space.map.clone()));
+        learner.set_numbers(assignment.numbers());
         let mut trainer = Trainer::assemble(assignment, learner, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
@@ -187,6 +187,11 @@ impl Trainer {
         let exploration = Arc::new(exploration);
         let held_steps = self.counters.mean_held_steps();
         let last = (first + training.episodes_per_cycle as u64).min(config.episodes);
+        let turns: Vec<(Policy, Option<Confinement>)> = match self.learner.numbers() {
+            [] => vec![(policy, None)],
+            numbers => numbers.iter().map(|numbers| Confinement::turn(&policy, numbers)).collect(),
+        };
+        let turn = |index: u64| turns[(index % turns.len() as u64) as usize].clone();
         let behaviour = |index: u64| {
             let exploration = Arc::clone(&exploration);
             if index < training.warmup_episodes {
@@ -197,15 +202,18 @@ impl Trainer {
                 Behaviour::Explore(exploration)
             }
         };
-        let jobs = (first..last).map(|index| EpisodeJob {
-            seed: config.seed,
-            stream: "train",
-            index,
-            scene: None,
-            policy: policy.clone(),
-            behaviour: behaviour(index),
-            confinement: None,
-            disturbance: None,
+        let jobs = (first..last).map(|index| {
+            let (policy, confinement) = turn(index);
+            EpisodeJob {
+                seed: config.seed,
+                stream: "train",
+                index,
+                scene: None,
+                policy,
+                behaviour: behaviour(index),
+                confinement,
+                disturbance: None,
+            }
         });
         self.pool.submit(jobs)?;
         Ok(last)
@@ -244,7 +252,7 @@ impl Trainer {
     /// Confines the policy to the control synergy as far as the schedule says.
     fn confine(&mut self) -> Result<(), TrainError> {
         if self.assignment.space.is_none() {
-            self.learner.set_action_map(self.control.action_map(self.counters.episodes)?);
+            self.learner.set_numbers(self.control.numbers(self.counters.episodes)?);
         }
         Ok(())
     }
@@ -321,7 +329,15 @@ impl Trainer {
             // The projection changes nothing.
             return Ok(Some((space.n_components(), success_rate)));
         }
-        let driver = Driver { task, policy, actuators: &self.control.actuators, space: &space, free_steps: 0 };
+        let driver = Driver {
+            task,
+            policy,
+            actuators: &self.control.actuators,
+            space: &space,
+            numbers: config.synergy.components,
+            confined: false,
+            free_steps: 0,
+        };
         let (stream, k) = (EvaluationStream::Periodic, space.n_components());
         let driven = driver.measure(&mut self.pool, k, config.seed, stream, config.evaluation.episodes, false)?;
         Ok(Some((k, driven.success_rate)))

@@ -158,8 +158,12 @@ fn check_losses(critic_layer_norm: bool) {
         ..learner_config()
     };
     let (gamma, action_l2) = (f64::from(config.gamma), f64::from(config.action_l2));
-    let mut learner =
-        Ddpg::new(config, Dimensions { obs_dim: 4, goal_dim: 2, act_dim: 3, n_outputs: 3 }, &mut draws).unwrap();
+    let mut learner = Ddpg::new(
+        config,
+        Dimensions { obs_dim: 4, goal_dim: 2, act_dim: 3, n_outputs: 3, told_numbers: false },
+        &mut draws,
+    )
+    .unwrap();
     let episode = random_episode(shape, &mut draws);
     learner.update_normalizers(&episode.observations, &episode.achieved_goals);
     let [mut observations, mut goals] = [4, 2].map(|dim| RunningNormalizer::new(NORMALIZER, dim));

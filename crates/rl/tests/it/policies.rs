@@ -1,6 +1,8 @@
 //! Policies, targets and divergence.
 
-use eigenhand_rl::{ActorChoice, Ddpg, DdpgConfig, Dimensions, Mlp, OutputActivation, Policy, Rows, TensorMap, rng};
+use eigenhand_rl::{
+    ActionMap, ActorChoice, Ddpg, DdpgConfig, Dimensions, Mlp, Numbers, OutputActivation, Policy, Rows, TensorMap, rng,
+};
 use rand_chacha::ChaCha8Rng;
 
 use crate::{NORMALIZER, SHAPE, assert_close, learner_config, random_batch, random_episode, without};
@@ -77,6 +79,53 @@ fn an_imported_policy_acts_as_the_exported_one() {
     for (name, _) in tensors.iter() {
         assert!(Policy::import_tensors(&without(&tensors, name), &NORMALIZER).is_err(), "without {name}");
     }
+}
+
+/// What a policy is told is one more input, and its export adds the weights of that input to the first biases.
+#[test]
+fn a_policy_that_has_fewer_numbers_is_told_so() {
+    let mut draws = rng::stream(28, "policy", 0);
+    let config = DdpgConfig { hidden: vec![33, 20], batch_size: BATCH, ..learner_config() };
+    let mut learner =
+        Ddpg::new(config, Dimensions { told_numbers: true, ..Dimensions::of(SHAPE) }, &mut draws).unwrap();
+    let map = |scale: f32| {
+        let matrix = (0..9).map(|i| if i % 4 == 0 { scale } else { 0.0 }).collect();
+        ActionMap::new(matrix, vec![0.1; 3], 3).unwrap()
+    };
+    let turns = [(1.0, None), (0.5, Some(1)), (1.0, None), (0.7, Some(2))];
+    learner.set_numbers(turns.map(|(scale, fewer)| Numbers { map: map(scale), fewer }).to_vec());
+    let batch = random_batch(BATCH, SHAPE, &mut draws);
+    (0..20).for_each(|_| _ = learner.update(&batch));
+    let mut net = Mlp::zeros(&[8, 33, 20, 3], OutputActivation::Tanh);
+    let tensors = learner.to_tensors();
+    for (i, layer) in net.layers().to_vec().into_iter().enumerate() {
+        let weight = tensors.f32s(&format!("actor.{i}.weight"), &[layer.outputs, layer.inputs]).unwrap();
+        net.parameters_mut()[layer.weight()].copy_from_slice(weight);
+        let bias = tensors.f32s(&format!("actor.{i}.bias"), &[layer.outputs]).unwrap();
+        net.parameters_mut()[layer.bias()].copy_from_slice(bias);
+    }
+    let policy = learner.policy(ActorChoice::Online);
+    let exported = TensorMap::load_bytes(&policy.export_tensors().save_bytes().unwrap()).unwrap();
+    let imported = Policy::import_tensors(&exported, &NORMALIZER).unwrap();
+    let (observation, goal) = ([0.1, -0.2, 0.3, 0.0, 0.5], [0.2, 0.4]);
+    let normalised: Vec<f32> = observation.iter().chain(&goal).copied().collect();
+    let mut actions = Vec::new();
+    for (told, policy) in [
+        (0.0, imported.clone()),
+        (1.0, imported.with_fewer_numbers(1)),
+        (0.5, imported.with_fewer_numbers(2)),
+        (0.5, policy.with_fewer_numbers(2)),
+    ] {
+        let row = [&normalised[..], &[told]].concat();
+        let mut scratch = net.scratch(1);
+        let output = net.forward(Rows { data: &row, stride: 8 }, &mut scratch);
+        let action = act(&policy, &observation, &goal);
+        for (got, output) in action.iter().zip(output) {
+            assert_close("action", f64::from(*got), f64::from(output + 0.1).clamp(-1.0, 1.0), 2e-6);
+        }
+        actions.push(action);
+    }
+    assert!(actions[0] != actions[1] && actions[1] != actions[2], "{actions:?}");
 }
 
 #[test]
@@ -203,7 +252,7 @@ fn wrong_constants_are_refused_by_name() {
     for (name, config) in wrong {
         let error = Ddpg::new(
             config,
-            Dimensions { obs_dim: 1, goal_dim: 1, act_dim: 1, n_outputs: 1 },
+            Dimensions { obs_dim: 1, goal_dim: 1, act_dim: 1, n_outputs: 1, told_numbers: false },
             &mut rng::stream(0, "init", 0),
         )
         .unwrap_err();

@@ -1,8 +1,8 @@
 //! One whole update against numbers that `tests/data/generate_update.py` computed with NumPy.
 
 use eigenhand_rl::{
-    ACTION_L2_DIMENSIONS, ActionMap, Batch, Ddpg, DdpgConfig, Dimensions, EpisodeShape, NormalizerConfig, TensorData,
-    TensorMap,
+    ACTION_L2_DIMENSIONS, ActionMap, Batch, Ddpg, DdpgConfig, Dimensions, EpisodeShape, NormalizerConfig, Numbers,
+    TensorData, TensorMap,
 };
 
 use crate::{assert_close, learner_config};
@@ -49,7 +49,7 @@ fn check_update(bytes: &[u8], critic_layer_norm: bool, with_map: bool) {
     if with_map {
         let matrix = fixture.f32s("map.matrix", &[act, act]).unwrap().to_vec();
         let offset = fixture.f32s("map.offset", &[act]).unwrap().to_vec();
-        learner.set_action_map(Some(ActionMap::new(matrix, offset, act).unwrap()));
+        learner.set_numbers(vec![Numbers { map: ActionMap::new(matrix, offset, act).unwrap(), fewer: None }]);
     }
 
     let stats = learner.update(&batch);

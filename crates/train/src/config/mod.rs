@@ -249,6 +249,12 @@ impl RunConfig {
         Feedback::new(self.lambda, penalty, start_after)
     }
 
+    /// Returns whether training confines the policy to its control synergy.
+    pub fn confines(&self) -> bool {
+        // A policy that acts in a synergy has a space of its own.
+        self.action_space == ActionSpace::Joints && self.lambda > 0.0 && self.synergy.anneal[0] < 1.0
+    }
+
     /// Returns the number of threads that simulate.
     pub fn worker_count(&self) -> usize {
         worker_count(self.workers)
