@@ -33,7 +33,7 @@ saves and stops all runs (exit status 130); a second Ctrl-C stops them at once.
 Examples:
   eigenhand reproduce --lambda 0,0.5,1 --seeds 1,2,3 --out runs/three-lambdas
   eigenhand reproduce --preset quick --seeds 3 --set learner.gamma=0.95
-  eigenhand reproduce --study control --seeds 4 --episodes 1000
+  eigenhand reproduce --study control --seeds 4 --out runs/study
   eigenhand reproduce";
 
 /// Settings of a study, before the user's own: evaluations that are close enough for a curve, and objects that no
@@ -212,12 +212,12 @@ fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
     let interrupted = count(|state| matches!(state, State::Interrupted { .. }));
     let names: Vec<&str> = members.iter().map(|member| member.name.as_str()).collect();
     format!(
-        "runs      {}/\nhand      {hand}, preset {}\ntraining  {} of {} episodes: {}\n          {complete} complete, \
+        "runs      {}/\nhand      {hand}, preset {}\ntraining  {} with {} episodes in all: {}\n          {complete} complete, \
          {interrupted} to be resumed, {jobs} at a time with {} each\n",
         directory.display(),
         config.preset.name(),
         counted(members.len(), "run"),
-        config.episodes,
+        members.iter().map(|member| member.episodes).sum::<u64>(),
         names.join(", "),
         counted(workers, "worker"),
     )

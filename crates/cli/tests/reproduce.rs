@@ -236,10 +236,10 @@ fn a_study_trains_each_space_after_the_run_that_it_needs() {
     }
     assert!(place.summary("confined-s1")["other_objects"]["success_with_components"].is_number());
     let table = place.text("all/report/runs.csv");
-    assert!(
-        names.iter().all(|name| table.contains(&format!("\n{name},1,{name}-s1,complete,60,"))),
-        "each run is complete: {table}"
-    );
+    for name in names {
+        let episodes = if ["joints", "confined"].contains(&name) { 60 } else { 20 };
+        assert!(table.contains(&format!("\n{name},1,{name}-s1,complete,{episodes},")), "{name} is complete: {table}");
+    }
     assert!(place.text("all/report/index.html").contains("all closing joints together"));
 
     // `report` knows a study by its directory.

@@ -61,6 +61,8 @@ pub struct VariantRecord {
     pub name: String,
     /// What it is, in words.
     pub title: String,
+    /// Training episodes of each complete run; none if there is no such run.
+    pub episodes: Option<u64>,
     /// Runs that the study has.
     pub n_runs: usize,
     /// Complete runs; the fields below cover only these.
@@ -137,6 +139,7 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
     let record = |(i, variant): (usize, &StudyVariant)| VariantRecord {
         name: variant.name.clone(),
         title: variant.title.clone(),
+        episodes: groups[i].first().map(|run| run.episodes),
         n_runs: variant.runs.len(),
         n_complete: groups[i].len(),
         quantities: bootstraps.iter().filter_map(|(q, b)| Some((q.key(), b.estimate(i)?))).collect(),
@@ -212,10 +215,12 @@ pub(crate) fn table(analysis: &StudyAnalysis) -> Result<Vec<u8>, ReportError> {
 
 /// Renders the page.
 pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]) -> String {
-    let mut header = words(&["the policy commands", "runs", "success (%)", "success with other objects (%)"]);
+    let mut header =
+        words(&["the policy commands", "runs", "training episodes", "success (%)", "success with other objects (%)"]);
     header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
     let row = |variant: &VariantRecord| {
-        let mut row = vec![variant.title.clone(), variant.n_complete.to_string()];
+        let episodes = variant.episodes.map_or_else(|| "-".to_owned(), |episodes| episodes.to_string());
+        let mut row = vec![variant.title.clone(), variant.n_complete.to_string(), episodes];
         row.extend(COMPARED.map(|quantity| estimate(variant.quantities.get(quantity.key()), 100.0, 1)));
         row.extend(variant.levels.iter().map(|level| match level.median_episodes {
             Some(episodes) => number(Some(episodes), 1.0, 0),

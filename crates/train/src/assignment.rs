@@ -35,7 +35,9 @@ impl Assignment {
     pub(crate) fn dimensions(&self) -> Dimensions {
         let dimensions = Dimensions::of(episode_shape(&self.task));
         let n_outputs = self.space.as_ref().map_or(dimensions.n_outputs, |space| space.map.n_outputs());
-        Dimensions { n_outputs, told_numbers: self.config.confines(), ..dimensions }
+        // Of a single number there are no fewer.
+        let numbers = self.config.synergy.components.min(self.hand.actuators.len());
+        Dimensions { n_outputs, told_numbers: self.config.confines() && numbers > 1, ..dimensions }
     }
 
     /// Returns the numbers in which the policy acts from its first episode on; none if it commands every actuator.

@@ -11,7 +11,7 @@ use crate::SynergyError;
 pub enum Source {
     /// The policy alone.
     Policy,
-    /// The policy with noise.
+    /// The policy with noise, or with fewer numbers than it has.
     Noise,
     /// A scripted grasp or random actions. Its posture is no part of a policy's synergy.
     Script,

@@ -138,10 +138,15 @@ impl Reproduction {
             let (config, _) = resolve(&NewRun {
                 lambda: Some(variant.lambda),
                 seed: Some(seed),
+                episodes: Some(variant.episodes(config.episodes)),
                 assignments: [request.settings.assignments.clone(), assignments(variant, &directory, seed)].concat(),
                 ..request.settings.clone()
             })?;
-            members.push(Member::of(variant, &config, &directory)?);
+            let member = Member::of(variant, &config, &directory)?;
+            if is_run(&member.run) {
+                check_settings(&member.run, &config.settings()?, &["workers", "synergy.file"])?;
+            }
+            members.push(member);
         }
         create_directory(&directory)?;
         let lock = lock(&directory)?;

@@ -63,7 +63,7 @@ impl Comparison {
         match self {
             Comparison::Lambdas(_) => &super::VARIED,
             Comparison::ControlStudy => {
-                &["lambda", "seed", "workers", "action_space", "synergy.file", "synergy.components"]
+                &["lambda", "seed", "workers", "action_space", "episodes", "synergy.file", "synergy.components"]
             }
         }
     }
@@ -86,6 +86,13 @@ impl Variant {
             Directions::Synergy(variant) => directory.join(run_name(variant, seed)),
             Directions::Random(_) | Directions::Closing => made(&self.name),
         })
+    }
+
+    /// (training episodes of a run that commands every joint) => those of a run of this variant
+    ///
+    /// In few numbers, policies learn in a small part of the episodes, so their runs are shorter.
+    pub(super) fn episodes(&self, all_joints: u64) -> u64 {
+        if self.space.is_some() { all_joints.div_ceil(3) } else { all_joints }
     }
 
     /// Returns the variant whose run with the same seed has to be complete before.
