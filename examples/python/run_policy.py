@@ -265,6 +265,8 @@ def main():
     if options.object and options.object not in known:
         parser.error(f"unknown object {options.object}; the run has {', '.join(known)}")
     if options.numbers is not None:
+        if not (options.run / "synergy").is_dir():
+            parser.error(f"{options.run} has no control synergy, because its policy never succeeded")
         synergy = tomllib.loads((options.run / "synergy" / "synergy.toml").read_text())
         if not 0 <= options.numbers <= len(synergy["components"]):
             parser.error(f"--numbers goes from 0 to {len(synergy['components'])} for this run")

@@ -24,11 +24,23 @@ pub fn gripper_with_vane() -> Hand {
 fn confinement_survives_a_stop_and_any_number_of_workers() {
     let whole = Run::new(gripper_with_vane());
     let summary = whole.train(&tiny(&CONFINED));
-    for episodes in [40, 56] {
+    let stopped = |settings: &[&str], episodes| {
         let run = Run::new(gripper_with_vane());
         let stop = AtomicBool::new(false);
-        run.start(&tiny(&CONFINED), &stop, &mut StopAfter { episodes, stop: &stop });
+        run.start(&tiny(settings), &stop, &mut StopAfter { episodes, stop: &stop });
+        run
+    };
+    for episodes in [40, 56] {
+        let run = stopped(&CONFINED, episodes);
         assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
+    }
+    // With two components, every other episode has one number.
+    let nested = [&LONGER[..], &["synergy.components=2", "synergy.anneal=[0.3, 0.8]", "synergy.motions=4"]].concat();
+    let both = Run::new(gripper_with_vane());
+    let summary_of_both = both.train(&tiny(&nested));
+    for episodes in [44, 56] {
+        let run = stopped(&nested, episodes);
+        assert_same((&both, summary_of_both.clone()), (&run, run.resume_to_the_end()));
     }
     let again = Run::new(gripper_with_vane());
     let same = again.train(&tiny(&[&CONFINED[..], &["workers=3"]].concat()));

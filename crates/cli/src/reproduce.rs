@@ -193,7 +193,8 @@ impl Args {
             option("--synergy", synergy.into());
             option("--components", numbers.components.to_string().into());
         }
-        let settings = SettingsArgs { assignments: self.assignments(), ..self.settings.clone() };
+        let episodes = Some(member.episodes);
+        let settings = SettingsArgs { assignments: self.assignments(), episodes, ..self.settings.clone() };
         arguments.extend(settings.arguments());
         arguments
     }

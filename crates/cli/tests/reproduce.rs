@@ -242,6 +242,9 @@ fn a_study_trains_each_space_after_the_run_that_it_needs() {
     }
     assert!(place.text("all/report/index.html").contains("all closing joints together"));
 
+    // The same command again trains nothing.
+    let told = stderr(&status(&mut study(&[]), 0));
+    assert!(told.contains("7 complete") && !told.contains("starts"), "{told}");
     // `report` knows a study by its directory.
     let again = status(&mut place.eigenhand(&["report", "all", "--json"]), 0);
     let variants = json(&again.stdout)["variants"].clone();

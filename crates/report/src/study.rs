@@ -164,6 +164,13 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
     let summary: Vec<VariantRecord> = variants.iter().enumerate().map(record).collect();
     let missing: usize = summary.iter().map(|variant| variant.n_runs - variant.n_complete).sum();
     let all: usize = summary.iter().map(|variant| variant.n_runs).sum();
+    let mut episodes: Vec<u64> = summary.iter().filter_map(|variant| variant.episodes).collect();
+    episodes.sort_unstable();
+    let lengths = episodes.first().zip(episodes.last()).filter(|(least, most)| least < most).map(|(least, most)| {
+        format!(
+            "The runs have from {least} to {most} training episodes: final success is compared after different lengths."
+        )
+    });
     StudyAnalysis {
         schema: 1,
         hand: study.runs.first().map(|run| run.provenance.hand.clone()).unwrap_or_default(),
@@ -178,6 +185,7 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
         notes: (missing > 0)
             .then(|| format!("{missing} of {} are not complete: their results are missing.", counted(all, "run")))
             .into_iter()
+            .chain(lengths)
             .collect(),
     }
 }

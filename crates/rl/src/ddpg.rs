@@ -127,7 +127,7 @@ pub struct Ddpg {
     pub(crate) observation: RunningNormalizer,
     pub(crate) goal: RunningNormalizer,
     pub(crate) n_updates: u64,
-    /// The first is the policy's; the rows of a batch take turns. None: the actor's outputs are the actions.
+    /// The first is the policy's; the rows of a batch take turns. Empty: the actor's outputs are the actions.
     numbers: Vec<Numbers>,
     act_dim: usize,
     told_numbers: bool,
@@ -244,6 +244,8 @@ impl Ddpg {
         };
         let map = self.numbers.first().map(|numbers| numbers.map.clone());
         let (actor, told) = if self.told_numbers { actor.without_last_input() } else { (actor.clone(), Vec::new()) };
+        // Before there are fewer numbers, these weights are those of the first network.
+        let told = if self.numbers.iter().any(|numbers| numbers.fewer.is_some()) { told } else { Vec::new() };
         Policy::new(actor, told, self.observation.clone(), self.goal.clone(), map)
     }
 

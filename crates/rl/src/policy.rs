@@ -60,7 +60,7 @@ impl Policy {
         Self { parts: Arc::new(Parts { actor, told, observation, goal, map }) }
     }
 
-    /// Returns this policy, but told that only the first `k` of its numbers reach the hand. A policy that was not trained with
+    /// Returns this policy, but told that only the first `k` of its numbers are used. A policy that was not trained with
     /// fewer numbers stays as it is.
     pub fn with_fewer_numbers(&self, k: usize) -> Policy {
         let Parts { actor, told, observation, goal, map } = &*self.parts;

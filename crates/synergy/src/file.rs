@@ -243,7 +243,8 @@ const POSTURES_HEADER: &str = "\
 const HEADER: &str = "\
 # `components` has orthonormal rows; in each, the first entry of the largest absolute value is positive.
 # `explained_variance` is the sample variance along each row, `contribution` its share of `total_variance`,
-# `coefficient_min` and `coefficient_max` the range of z over the samples, which lie beside this file as NPY.
+# `coefficient_min` and `coefficient_max` the range of z over the samples, which lie beside this file as NPY, and over the
+# final grasps.
 
 ";
 

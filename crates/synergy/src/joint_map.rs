@@ -63,7 +63,7 @@ impl JointMap {
         let factors = gram.llt(faer::Side::Lower).map_err(|_| SynergyError::Decomposition { what: "joint map" })?;
         let slopes = factors.solve(z.transpose() * &q);
         let matrix: Vec<Vec<f64>> = (0..k).map(|i| (0..n).map(|j| slopes[(i, j)]).collect()).collect();
-        // The coefficients of the samples have the mean 0 up to rounding; this line makes the map exact for any.
+        // The coefficients need not have the mean 0: the space can describe other samples.
         let at_zero = |j: usize| q_mean[j] - (0..k).map(|i| z_mean[i] * matrix[i][j]).sum::<f64>();
         Ok(JointMap { joints: joints.to_vec(), mean: (0..n).map(at_zero).collect(), matrix })
     }

@@ -84,13 +84,21 @@ impl Synergy {
             coefficient_max: vec![f64::NEG_INFINITY; k],
             n_postures: postures.len(),
         };
+        synergy.widen(postures);
+        Ok(synergy)
+    }
+
+    /// Widens the ranges of the coefficients so that they include those of further postures.
+    ///
+    /// # Panics
+    /// When a posture does not have one number for each joint.
+    pub fn widen<P: AsRef<[f64]>>(&mut self, postures: &[P]) {
         for posture in postures {
-            for (i, z) in synergy.encode(posture.as_ref()).into_iter().enumerate() {
-                synergy.coefficient_min[i] = synergy.coefficient_min[i].min(z);
-                synergy.coefficient_max[i] = synergy.coefficient_max[i].max(z);
+            for (i, z) in self.encode(posture.as_ref()).into_iter().enumerate() {
+                self.coefficient_min[i] = self.coefficient_min[i].min(z);
+                self.coefficient_max[i] = self.coefficient_max[i].max(z);
             }
         }
-        Ok(synergy)
     }
 
     /// Fits the space of `k` components to the [`newest`] `window` of `postures`; none if there are `k` postures or

@@ -47,10 +47,11 @@ impl Trainer {
     fn conclude(mut self, complete: bool) -> Result<Summary, TrainError> {
         let (policy, policy_episode) = self.choose_policy(complete)?;
         let motions = self.motions_of(&policy, complete)?;
-        let actuators = &self.control.actuators;
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
         let episode = self.counters.episodes;
-        let space = control_space(&actuators.coordinates, self.control.described(episode, &motions), most)?;
+        let frozen = self.control.is_frozen_for(episode, &policy)?;
+        let described = if frozen { self.control.fitted(episode).to_vec() } else { motions.clone() };
+        let space = control_space(&self.control.actuators.coordinates, &described, most)?;
         let mut evaluation = None;
         let mut success_with_components = Vec::new();
         let mut other_objects = None;
@@ -60,18 +61,17 @@ impl Trainer {
             if let Some(space) = &space {
                 let Assignment { config, task, .. } = &self.assignment;
                 let actuators = &self.control.actuators;
-                let confined = self.control.is_confined(episode);
                 let driver = Driver {
                     task,
                     policy: &policy,
                     actuators,
                     space,
                     numbers: config.synergy.components,
-                    confined,
                     free_steps: 0,
                 };
-                success_with_components =
-                    driver.measure_each(&mut self.pool, config.seed, EvaluationStream::Final, episodes)?;
+                let confined = frozen && self.control.is_confined(episode);
+                let (seed, stream) = (config.seed, EvaluationStream::Final);
+                success_with_components = driver.measure_each(&mut self.pool, seed, stream, episodes, confined)?;
             }
             other_objects = self.evaluate_other_objects(&policy, space.as_ref())?;
         }
@@ -105,7 +105,7 @@ impl Trainer {
             control: ControlProduct::of(
                 &control.actuators,
                 &task.posture_joints,
-                control.described(episode, &motions),
+                &described,
                 &motions,
                 config.synergy.components,
                 recommended,
@@ -165,7 +165,6 @@ impl Trainer {
         let mut pool = WorkerPool::new(task, config.worker_count())?;
         let (seed, stream, episodes) = (config.seed, EvaluationStream::Final, config.evaluation.final_episodes);
         let found = evaluate(&mut pool, task, policy, seed, stream, 0..episodes)?;
-        let confined = self.control.is_confined(self.counters.episodes);
         let with_components = space.map(|space| {
             let driver = Driver {
                 task,
@@ -173,7 +172,6 @@ impl Trainer {
                 actuators: &self.control.actuators,
                 space,
                 numbers: config.synergy.components,
-                confined,
                 free_steps: 0,
             };
             driver.measure(&mut pool, config.synergy.components, seed, stream, episodes, false)
@@ -186,7 +184,7 @@ impl Trainer {
         }))
     }
 
-    /// Returns the motions that the exported control synergy describes: those of the run's policy on episodes of their own.
+    /// Returns the motions of the run's policy on episodes of their own.
     /// If the run is not complete, or the policy fails in all of these, they are those of the newest training episodes.
     fn motions_of(&mut self, policy: &Policy, complete: bool) -> Result<Vec<MotionRecord>, TrainError> {
         let newest = self.control.newest(self.counters.episodes).to_vec();

@@ -4,7 +4,7 @@
 //! commands of the hand's actuators along successful episodes, from the open hand to the goal. During training the policy
 //! is confined to it step by step, so that at the end a few numbers command the hand.
 
-use eigenhand_rl::Numbers;
+use eigenhand_rl::{Numbers, Policy};
 use eigenhand_synergy::{JointInfo, MotionRecord, Synergy};
 
 use crate::actuators::HandActuators;
@@ -93,18 +93,22 @@ impl Control {
     }
 
     /// (training episodes so far) => the motions to which the space is fitted, or was when it was frozen
-    fn fitted(&self, episode: u64) -> &[MotionRecord] {
+    pub fn fitted(&self, episode: u64) -> &[MotionRecord] {
         match self.span() {
             Some([_, end]) if episode as f64 >= end => self.newest(end.ceil() as u64),
             _ => self.newest(episode),
         }
     }
 
-    /// (training episodes so far, motions of the policy) => the motions that the exported space describes
+    /// (training episodes so far, a policy) => whether the policy acts through the frozen space
     ///
-    /// A confined policy has learned what the first numbers of the frozen space do alone, so that space is exported.
-    pub fn described<'a>(&'a self, episode: u64, own: &'a [MotionRecord]) -> &'a [MotionRecord] {
-        if self.is_confined(episode) { self.fitted(episode) } else { own }
+    /// Such a policy has learned what the first numbers of this space do alone.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn is_frozen_for(&mut self, episode: u64, policy: &Policy) -> Result<bool, TrainError> {
+        let frozen = self.span().is_some_and(|[_, end]| episode as f64 >= end);
+        Ok(frozen && self.numbers(episode)?.first().map(|numbers| &numbers.map) == policy.map())
     }
 
     /// (training episodes so far) => the space; none while there are too few motions

@@ -71,10 +71,8 @@ pub(crate) struct Driver<'a> {
     pub policy: &'a Policy,
     pub actuators: &'a HandActuators,
     pub space: &'a Synergy,
-    /// Numbers that the policy has at the end of its training. It is told if it has fewer.
+    /// Numbers of the space that the policy knows from its training. It is told if it has fewer.
     pub numbers: usize,
-    /// Whether it commands nothing outside the first so many components of the space.
-    pub confined: bool,
     /// First steps of an episode in which the policy is free.
     pub free_steps: usize,
 }
@@ -98,7 +96,7 @@ pub(crate) fn fewest_components(success: &[f64], all_joints: f64) -> Option<usiz
 
 impl Driver<'_> {
     /// Measures the success with 0, 1, 2... components, up to all of the space. Components in which the policy's
-    /// commands do not vary change nothing, and are not measured.
+    /// commands do not vary change nothing, and are not measured: if it is `confined`, those beyond its numbers.
     ///
     /// # Errors
     /// As [`WorkerPool::collect`].
@@ -108,12 +106,13 @@ impl Driver<'_> {
         seed: u64,
         stream: EvaluationStream,
         episodes: u64,
+        confined: bool,
     ) -> Result<Vec<f64>, TrainError> {
         let mut rates: Vec<f64> = Vec::new();
         for k in 0..=self.space.n_components() {
             let last = k.checked_sub(1).map(|i| self.space.contribution()[i]);
             let rate = match (last, rates.last()) {
-                (Some(share), Some(&rate)) if share < STILL || (self.confined && k > self.numbers) => rate,
+                (Some(share), Some(&rate)) if share < STILL || (confined && k > self.numbers) => rate,
                 _ => self.measure(pool, k, seed, stream, episodes, false)?.success_rate,
             };
             rates.push(rate);

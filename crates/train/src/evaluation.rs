@@ -18,7 +18,7 @@ pub enum EvaluationStream {
     Periodic,
     /// Episodes for the comparison of the finalists.
     Selection,
-    /// Episodes whose motions the exported control synergy describes.
+    /// Episodes whose motions the exported grasps describe.
     Motion,
     /// Episodes that no training and no other evaluation uses.
     Final,

@@ -9,17 +9,15 @@ use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::{Policy, TensorMap};
 use eigenhand_sim::{GraspEnv, GraspTask};
-use eigenhand_synergy::{MotionRecord, PostureDatabase, Synergy, SynergyFile, newest};
+use eigenhand_synergy::{Import, PostureDatabase, Synergy, SynergyFile, newest};
 
 use crate::actuators::HandActuators;
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
-use crate::control::{Control, control_space};
 use crate::drive::{Drive, Driven, Driver, Freedom, is_nearly};
 use crate::error::TrainError;
-use crate::evaluation::{EvaluationStream, Tally, evaluate, simulate};
+use crate::evaluation::{EvaluationStream, Tally, evaluate};
 use crate::hands::{check_digest, hand_named};
-use crate::motion::motions;
 use crate::products::{ControlProduct, POLICY, POLICY_TEXT, Products, SYNERGY, write_products};
 use crate::provenance::Provenance;
 use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
@@ -109,8 +107,8 @@ impl FinishedRun {
 
     /// Measures the success of the policy when its commands are projected on few numbers.
     ///
-    /// The space is that of the export, with all of its components. Without the actuators that are `free`, it is fitted to
-    /// the motions of the policy.
+    /// The space is fitted to the samples of the export, with all of its components, and without the actuators that are
+    /// `free`.
     ///
     /// # Errors
     /// [`TrainError::Option`] for an actuator that the hand does not have, [`TrainError::NoMotions`] for a policy that
@@ -126,20 +124,18 @@ impl FinishedRun {
     ) -> Result<Drive, TrainError> {
         let actuators = HandActuators::of(&self.hand, &self.task).without(&free.actuators)?;
         let mut pool = WorkerPool::new(&self.task, workers)?;
-        let motions = self.described_motions(&actuators, workers)?;
-        let Some(space) = control_space(&actuators.coordinates, &motions, actuators.coordinates.len())? else {
-            return Err(TrainError::NoMotions { run: self.directory.clone() });
-        };
+        let no_motions = || TrainError::NoMotions { run: self.directory.clone() };
+        let exported = self.directory.join(SYNERGY);
+        let Import { file, samples } =
+            if exported.exists() { eigenhand_synergy::import(exported)? } else { return Err(no_motions()) };
+        let known = file.synergy.joints();
+        let kept: Vec<usize> = (0..known.len()).filter(|&i| actuators.coordinates.contains(&known[i])).collect();
+        let samples: Vec<Vec<f64>> = samples.iter().map(|command| kept.iter().map(|&i| command[i]).collect()).collect();
+        let space = Synergy::fit_newest(&actuators.coordinates, &samples, kept.len(), 0)?.ok_or_else(no_motions)?;
+        // Without some of the actuators, the space is not the one in which the policy has learned.
+        let numbers = if free.actuators.is_empty() { file.synergy.n_components() } else { 0 };
         let Self { task, policy, .. } = self;
-        let driver = Driver {
-            task,
-            policy,
-            actuators: &actuators,
-            space: &space,
-            numbers: self.config.synergy.components,
-            confined: false,
-            free_steps: free.steps,
-        };
+        let driver = Driver { task, policy, actuators: &actuators, space: &space, numbers, free_steps: free.steps };
         let mut rows = Vec::new();
         for k in components.filter(|&k| k <= space.n_components()) {
             let row = driver.measure(&mut pool, k, seed, EvaluationStream::Separate, episodes, true)?;
@@ -157,23 +153,6 @@ impl FinishedRun {
             success_rate: unprojected.success_rate(),
             interval: wilson_interval(unprojected.all.successes, unprojected.all.episodes),
         })
-    }
-
-    /// Returns the motions that the exported control synergy describes, with the commands of these actuators.
-    fn described_motions(&self, actuators: &HandActuators, workers: usize) -> Result<Vec<MotionRecord>, TrainError> {
-        // In the scene of training: the export was made of the same episodes.
-        let trained = RunConfig::read(&self.directory.join(CONFIG))?;
-        let task = task_of(&trained, &self.hand, &MuJoCo::load()?)?;
-        let episodes = Summary::read(&self.directory)?.map_or(trained.episodes, |summary| summary.episodes);
-        let mut control = Control::new(&trained, HandActuators::of(&self.hand, &task));
-        control.add(PostureDatabase::open_existing(self.directory.join(DATABASE))?.motions()?);
-        if control.is_confined(episodes) && actuators.coordinates == control.actuators.coordinates {
-            return Ok(control.described(episodes, &[]).to_vec());
-        }
-        let (seed, stream, own) = (trained.seed, EvaluationStream::Motion, 0..trained.evaluation.selection_episodes);
-        let mut pool = WorkerPool::new(&task, workers)?;
-        let found = simulate(&mut pool, &task, &self.policy, seed, stream, own, None)?;
-        Ok(motions(&found, actuators, &task))
     }
 
     /// Runs episodes of the policy in a scene until one succeeds, at most `tries`, and returns the environment at the

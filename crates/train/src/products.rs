@@ -68,10 +68,11 @@ impl ControlProduct {
         components: usize,
         recommended: Option<Recommended>,
     ) -> Result<Option<ControlProduct>, TrainError> {
-        let Some(synergy) = control_space(&actuators.coordinates, described, components)? else { return Ok(None) };
+        let Some(mut synergy) = control_space(&actuators.coordinates, described, components)? else { return Ok(None) };
         let commands_of = |steps: &[MotionRecord]| steps.iter().map(|step| step.command.clone()).collect::<Vec<_>>();
         let postures: Vec<_> = motions.iter().map(|step| step.posture.as_slice()).collect();
         let joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
+        synergy.widen(&commands_of(motions));
         let commands = commands_of(described);
         let grasps = mean_grasps(&synergy, actuators, motions);
         Ok(Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }))

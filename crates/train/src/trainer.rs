@@ -203,14 +203,17 @@ impl Trainer {
             }
         };
         let jobs = (first..last).map(|index| {
-            let (policy, confinement) = turn(index);
+            let behaviour = behaviour(index);
+            // Scripted grasps and random actions have all numbers.
+            let acts = matches!(behaviour, Behaviour::Explore(_));
+            let (policy, confinement) = turn(if acts { index } else { 0 });
             EpisodeJob {
                 seed: config.seed,
                 stream: "train",
                 index,
                 scene: None,
                 policy,
-                behaviour: behaviour(index),
+                behaviour,
                 confinement,
                 disturbance: None,
             }
@@ -335,7 +338,7 @@ impl Trainer {
             actuators: &self.control.actuators,
             space: &space,
             numbers: config.synergy.components,
-            confined: false,
+
             free_steps: 0,
         };
         let (stream, k) = (EvaluationStream::Periodic, space.n_components());

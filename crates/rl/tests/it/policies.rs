@@ -93,9 +93,23 @@ fn a_policy_that_has_fewer_numbers_is_told_so() {
         ActionMap::new(matrix, vec![0.1; 3], 3).unwrap()
     };
     let turns = [(1.0, None), (0.5, Some(1)), (1.0, None), (0.7, Some(2))];
-    learner.set_numbers(turns.map(|(scale, fewer)| Numbers { map: map(scale), fewer }).to_vec());
     let batch = random_batch(BATCH, SHAPE, &mut draws);
+    let last_column = |learner: &Ddpg| -> Vec<f32> {
+        let tensors = learner.to_tensors();
+        let weight = |name: &str, inputs: usize, column: usize| -> Vec<f32> {
+            let rows = tensors.f32s(name, &[33, inputs]).unwrap().chunks(inputs);
+            rows.map(|row| row[column]).collect()
+        };
+        [weight("actor.0.weight", 8, 7), weight("critic.0.weight", 11, 7)].concat()
+    };
+    let untaught = last_column(&learner);
+    learner.set_numbers(vec![Numbers { map: map(1.0), fewer: None }]);
+    learner.update(&batch);
+    assert_eq!(last_column(&learner), untaught, "all rows have all numbers");
+    assert!(learner.policy(ActorChoice::Online).export_tensors().get("numbers.weight").is_err());
+    learner.set_numbers(turns.map(|(scale, fewer)| Numbers { map: map(scale), fewer }).to_vec());
     (0..20).for_each(|_| _ = learner.update(&batch));
+    assert!(last_column(&learner).iter().zip(&untaught).all(|(now, before)| now != before));
     let mut net = Mlp::zeros(&[8, 33, 20, 3], OutputActivation::Tanh);
     let tensors = learner.to_tensors();
     for (i, layer) in net.layers().to_vec().into_iter().enumerate() {

@@ -192,7 +192,7 @@ pub struct SynergyConfig {
     /// The synergy in which the policy acts if `action_space` is `synergy`: a run, an export or a synergy file; otherwise
     /// empty.
     pub file: String,
-    /// Newest motions (successes without noise) to whose commands the control synergy is fitted. The policy is confined
+    /// Newest motions (successes without noise and with all numbers) to whose commands the control synergy is fitted. The policy is confined
     /// to it once there are as many.
     pub motions: usize,
     /// Shares of training between which the policy is confined to the control synergy.
