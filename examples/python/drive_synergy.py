@@ -31,6 +31,11 @@ LEAST_LIFT = 0.05
 LOWER = 0.04
 
 
+def objects(config):
+    """The objects of which there are grasps."""
+    return list(dict.fromkeys(grasp["object"] for grasp in config["grasps"]))
+
+
 class Synergy:
     """A few numbers z in, a command for each of the hand's actuators out."""
 
@@ -49,10 +54,11 @@ class Synergy:
 
     def grasp(self, name):
         """The numbers and the measured joint positions of a grasp's moments."""
-        grasps = {grasp["object"]: grasp for grasp in self.config["grasps"]}
-        assert name in grasps, f"there is no grasp of {name!r}; there are {', '.join(sorted(grasps))}"
         k = len(self.components)
-        return {m: (np.array(grasps[name][m]["z"])[:k], np.array(grasps[name][m]["q"])) for m in ("open", "closed", "held")}
+        # In the order of their numbers: the first that has enough has the fewest.
+        grasps = [grasp for grasp in self.config["grasps"] if grasp["object"] == name and grasp["numbers"] >= k]
+        assert grasps, f"there is no grasp of {name!r}; there are {', '.join(objects(self.config))}"
+        return {m: (np.array(grasps[0][m]["z"])[:k], np.array(grasps[0][m]["q"])) for m in ("open", "closed", "held")}
 
 
 def drive(export, name, numbers, picture):
@@ -112,7 +118,7 @@ def main():
     parser.add_argument("--render", metavar="FILE.png", help="writes a picture of the last grasp")
     arguments = parser.parse_args()
     config = tomllib.loads((arguments.export / "synergy" / "synergy.toml").read_text())
-    names = [arguments.object] if arguments.object else [grasp["object"] for grasp in config["grasps"]]
+    names = [arguments.object] if arguments.object else objects(config)
     lifts = []
     for name in names:
         lifts.append(drive(arguments.export, name, arguments.numbers, arguments.render))

@@ -41,17 +41,20 @@ pub struct SynergyFile {
     pub actuation: Option<ActuationMap>,
     /// Number of components that is enough, where it was measured.
     pub recommended: Option<Recommended>,
-    /// For a space of commands, the mean grasp of each object.
+    /// For a space of commands, the mean grasps of each object.
     pub grasps: Vec<NamedGrasp>,
     /// The origin of the numbers: any keys with texts.
     pub provenance: BTreeMap<String, String>,
 }
 
-/// A mean grasp of one object, as three moments that a controller can move between.
+/// A mean grasp of one object with some numbers, as three moments that a controller can move between.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct NamedGrasp {
     /// Name of the object.
     pub object: String,
+    /// How many numbers commanded the hand: the first ones. In a file, 0 or nothing means all.
+    #[serde(default)]
+    pub numbers: usize,
     /// Number of motions of which this is the mean.
     pub motions: usize,
     /// The hand approaches, open.
@@ -65,7 +68,7 @@ pub struct NamedGrasp {
 /// One moment of a grasp.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Moment {
-    /// The coefficients, k.
+    /// The coefficients: one for each number.
     pub z: Vec<f64>,
     /// The measured joint positions, in the order of the joint map's joints.
     pub q: Vec<f64>,
@@ -73,8 +76,11 @@ pub struct Moment {
 
 impl NamedGrasp {
     fn check(&self, i: usize, k: usize, n: usize) -> Result<(), SynergyError> {
+        if self.numbers == 0 || self.numbers > k {
+            return Err(SynergyError::invalid(format!("grasps[{i}].numbers"), format!("1 to {k}"), self.numbers));
+        }
         for (name, moment) in [("open", &self.open), ("closed", &self.closed), ("held", &self.held)] {
-            check_numbers(&format!("grasps[{i}].{name}.z"), &moment.z, k)?;
+            check_numbers(&format!("grasps[{i}].{name}.z"), &moment.z, self.numbers)?;
             check_numbers(&format!("grasps[{i}].{name}.q"), &moment.q, n)?;
         }
         Ok(())
@@ -130,6 +136,7 @@ impl SynergyFile {
         for grasp in &self.grasps {
             text.push_str("\n[[grasps]]\n");
             put(&mut text, "object", &grasp.object)?;
+            put(&mut text, "numbers", &grasp.numbers)?;
             put(&mut text, "motions", &grasp.motions)?;
             for (name, moment) in [("open", &grasp.open), ("closed", &grasp.closed), ("held", &grasp.held)] {
                 put(&mut text, name, moment)?;
@@ -193,6 +200,9 @@ impl SynergyFile {
                 return Err(SynergyError::invalid("recommended_components", expected, format!("{components:?}")));
             }
         };
+        let mut grasps = record.grasps;
+        let all = synergy.n_components();
+        grasps.iter_mut().filter(|grasp| grasp.numbers == 0).for_each(|grasp| grasp.numbers = all);
         let file = SynergyFile {
             hand: record.hand,
             space: record.space,
@@ -200,7 +210,7 @@ impl SynergyFile {
             joint_map: record.joint_map,
             actuation: record.actuation,
             recommended,
-            grasps: record.grasps,
+            grasps,
             provenance: record.provenance,
         };
         file.check_grasps()?;
@@ -229,8 +239,8 @@ const COMMANDS_HEADER: &str = "\
 #   decode   u = mean + z components, clamped to the actuators' ranges
 #   encode   z = (u - mean) components^T
 #   joints   q = mean + z matrix, clamped to the joints' limits: where the hand then is (section [joint_map])
-# To use fewer numbers, use the first rows only. Each of [[grasps]] is the mean grasp of an object: move from the numbers
-# `open` to `closed`, then lift with `held`; q are the joint positions that were measured there.
+# To use fewer numbers, use the first rows only. Each of [[grasps]] is the mean grasp of an object with so many numbers: move
+# from `open` to `closed`, then lift with `held`; q are the joint positions that were measured there.
 ";
 
 const POSTURES_HEADER: &str = "\

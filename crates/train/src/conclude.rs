@@ -15,7 +15,7 @@ use crate::metrics::TRUSTED;
 use crate::motion::motions;
 use crate::products::{ControlProduct, Products, write_products};
 use crate::progress::Progress;
-use crate::rollout::WorkerPool;
+use crate::rollout::{Confinement, WorkerPool};
 use crate::stress::Stress;
 use crate::summary::{OtherObjects, StoppedBy, Summary};
 use crate::trainer::Trainer;
@@ -50,6 +50,7 @@ impl Trainer {
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
         let episode = self.counters.episodes;
         let frozen = self.control.is_frozen_for(episode, &policy)?;
+        let with_fewer = if frozen && complete { self.motions_with_fewer_numbers(&policy)? } else { Vec::new() };
         let described = if frozen { self.control.fitted(episode).to_vec() } else { motions.clone() };
         let space = control_space(&self.control.actuators.coordinates, &described, most)?;
         let mut evaluation = None;
@@ -107,6 +108,7 @@ impl Trainer {
                 &task.posture_joints,
                 &described,
                 &motions,
+                &with_fewer,
                 config.synergy.components,
                 recommended,
             )?,
@@ -196,6 +198,21 @@ impl Trainer {
         let found = simulate(&mut self.pool, task, policy, seed, EvaluationStream::Motion, episodes, None)?;
         let own = motions(&found, &self.control.actuators, task);
         Ok(if own.is_empty() { newest } else { own })
+    }
+
+    /// Returns the motions of a policy that has only the first numbers of the frozen space, for each number of them.
+    fn motions_with_fewer_numbers(&mut self, policy: &Policy) -> Result<Vec<(usize, Vec<MotionRecord>)>, TrainError> {
+        let numbers = self.control.numbers(self.counters.episodes)?;
+        let Assignment { config, task, .. } = &self.assignment;
+        let mut found = Vec::new();
+        for numbers in &numbers {
+            let Some(k) = numbers.fewer else { continue };
+            let (policy, confinement) = Confinement::turn(policy, numbers);
+            let (stream, episodes) = (EvaluationStream::Motion, 0..config.evaluation.episodes);
+            let episodes = simulate(&mut self.pool, task, &policy, config.seed, stream, episodes, confinement)?;
+            found.push((k, motions(&episodes, &self.control.actuators, task)));
+        }
+        Ok(found)
     }
 
     /// Chooses the run's policy, and returns it with the number of training episodes before it.

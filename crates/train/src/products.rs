@@ -55,8 +55,8 @@ pub(crate) struct ControlProduct {
 }
 
 impl ControlProduct {
-    /// (motions that the space describes, motions of the policy) => the product, with the joint positions and grasps of the
-    /// policy; none while there are too few motions
+    /// (motions that the space describes, motions of the policy, and those with fewer numbers) => the product, with the joint
+    /// positions and grasps of the policy; none while there are too few motions
     ///
     /// # Errors
     /// [`TrainError::Synergy`].
@@ -65,6 +65,7 @@ impl ControlProduct {
         joints: &[JointInfo],
         described: &[MotionRecord],
         motions: &[MotionRecord],
+        with_fewer: &[(usize, Vec<MotionRecord>)],
         components: usize,
         recommended: Option<Recommended>,
     ) -> Result<Option<ControlProduct>, TrainError> {
@@ -74,7 +75,9 @@ impl ControlProduct {
         let joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
         synergy.widen(&commands_of(motions));
         let commands = commands_of(described);
-        let grasps = mean_grasps(&synergy, actuators, motions);
+        let with_all = (synergy.n_components(), motions);
+        let counted = with_fewer.iter().map(|(k, motions)| (*k, motions.as_slice())).chain([with_all]);
+        let grasps = counted.flat_map(|(k, motions)| mean_grasps(&synergy, actuators, k, motions)).collect();
         Ok(Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }))
     }
 
@@ -97,8 +100,8 @@ impl ControlProduct {
     }
 }
 
-/// Returns the mean grasp of each object, in the order of the objects' names.
-fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, motions: &[MotionRecord]) -> Vec<NamedGrasp> {
+/// Returns the mean grasp of each object with the first `k` numbers, in the order of the objects' names.
+fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, k: usize, motions: &[MotionRecord]) -> Vec<NamedGrasp> {
     let mut of_object: BTreeMap<&str, Vec<&[MotionRecord]>> = BTreeMap::new();
     for motion in motions.chunk_by(|a, b| a.episode == b.episode) {
         of_object.entry(motion[0].object.as_str()).or_default().push(motion);
@@ -115,7 +118,7 @@ fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, motions: &[MotionRe
             (0..rows[0].len()).map(|i| rows.iter().map(|row| row[i]).sum::<f64>() / n).collect()
         };
         Moment {
-            z: average(moments.iter().map(|step| synergy.encode(&step.command)).collect()),
+            z: average(moments.iter().map(|step| synergy.encode(&step.command)[..k].to_vec()).collect()),
             q: average(moments.iter().map(|step| step.posture.clone()).collect()),
         }
     };
@@ -127,6 +130,7 @@ fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, motions: &[MotionRe
         let held: Vec<&MotionRecord> = motions.iter().map(|motion| &motion[motion.len() - 1]).collect();
         NamedGrasp {
             object: object.to_owned(),
+            numbers: k,
             motions: motions.len(),
             open: mean(&open.iter().collect::<Vec<_>>()),
             closed: mean(&closed),

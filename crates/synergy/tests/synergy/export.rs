@@ -175,6 +175,7 @@ fn a_space_of_commands_comes_back_with_its_joint_map() {
         actuation: None,
         recommended: Some(Recommended { components: 2, reason: "two succeed".to_owned() }),
         grasps: vec![NamedGrasp {
+            numbers: 2,
             object: "cube".to_owned(),
             motions: 4,
             open: Moment { z: vec![0.1, -0.2], q: vec![0.0; 5] },
