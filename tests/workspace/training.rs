@@ -318,7 +318,8 @@ fn the_synergy_of_a_run_is_numpys_analysis_of_its_postures() {
         return;
     }
     let run = Run::new(gripper_with_vane());
-    let summary = run.train(&tiny(&LONGER));
+    let config = tiny(&[&LONGER[..], &["episodes=120"]].concat());
+    let summary = run.train(&config);
     let script = r#"
 import json, sys
 import numpy as np
@@ -342,7 +343,7 @@ print(json.dumps([
     let npy = eigenhand_synergy::import(run.file("synergy-postures")).unwrap();
     let of_the_policy = postures(&run).into_iter().filter(|p| p.source != Source::Script);
     let rows: Vec<Vec<f64>> = of_the_policy.map(|p| p.posture).collect();
-    let covered = newest(&rows, tiny(&[]).synergy.window);
+    let covered = newest(&rows, config.synergy.window);
     assert!(covered.len() < rows.len(), "the test needs more postures than the analysis covers");
     assert_eq!(npy.samples, covered, "postures.npy holds the database's newest rows");
 }
