@@ -6,6 +6,7 @@ use std::process::Command;
 use std::sync::atomic::AtomicBool;
 
 use eigenhand_hands::Hand;
+use eigenhand_rl::{Policy, TensorMap};
 
 use crate::confinement::gripper_with_vane;
 use crate::gripper::LONGER;
@@ -76,6 +77,42 @@ fn the_policy_runs_with_fewer_numbers() {
     };
     let all = played(&[]);
     assert_eq!(played(&["--numbers", "2"]), all, "the policy has two numbers");
+    // The action of one number is that of the policy as told here, projected.
+    let script = r#"
+import json, pathlib, sys, tomllib
+sys.path.insert(0, sys.argv[1])
+import run_policy
+run = pathlib.Path(sys.argv[2])
+policy = run_policy.Policy(run)
+policy.use_numbers(tomllib.loads((run / "synergy" / "synergy.toml").read_text()), 1)
+(reference,) = json.loads((run / "scenes" / "reference.json").read_text())
+action = policy.act(reference["observation"], reference["desired_goal"])
+ranges = [[actuator["low"], actuator["high"]] for actuator in policy.config["action"]]
+print(json.dumps([list(map(float, action)), reference["observation"], reference["desired_goal"], ranges]))
+"#;
+    let examples = workspace().join("examples/python");
+    let output = Command::new(python()).args(["-c", script]).arg(examples).arg(&run.path).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    let (found, observation, goal, ranges): (Vec<f64>, Vec<f32>, Vec<f32>, Vec<[f64; 2]>) =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"));
+    let tensors = TensorMap::load_bytes(&run.bytes("policy.safetensors")).unwrap();
+    let policy = Policy::import_tensors(&tensors, &tiny(&[]).learner.normalizer).unwrap();
+    let synergy = eigenhand_synergy::import(run.file("synergy")).unwrap().file.synergy;
+    let projected = |policy: &Policy| -> Vec<f64> {
+        let mut action = vec![0.0; policy.act_dim()];
+        policy.act_through(&observation, &goal, &mut policy.scratch(), &mut action, |_| {});
+        // The slide comes first.
+        let middle_and_half = |[low, high]: [f64; 2]| ((low + high) / 2.0, (high - low) / 2.0);
+        let scales: Vec<(f64, f64)> = ranges[1..].iter().copied().map(middle_and_half).collect();
+        let command: Vec<f64> = action[1..].iter().zip(&scales).map(|(a, (m, h))| m + h * f64::from(*a)).collect();
+        let z = synergy.encode(&command)[0];
+        let on_one = synergy.mean().iter().zip(synergy.component(0)).map(|(mean, c)| mean + z * c);
+        let hand = on_one.zip(&scales).map(|(command, (m, h))| (command - m) / h);
+        [f64::from(action[0])].into_iter().chain(hand).map(|a| a.clamp(-1.0, 1.0)).collect()
+    };
+    let distance = |expected: &[f64]| found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(distance(&projected(&policy.with_fewer_numbers(1))) < 1e-4, "{found:?}");
+    assert!(distance(&projected(&policy)) > 1e-3, "being told changes the action");
     assert!(all.last().unwrap() != "0 of 3 episodes succeeded", "{all:?}");
     assert_eq!(played(&["--numbers", "0"]).last().unwrap(), "0 of 3 episodes succeeded", "a hand that does not move");
     assert_ne!(played(&["--numbers", "1"]).last().unwrap(), "0 of 3 episodes succeeded");

@@ -6,8 +6,9 @@ use crate::adam::{Adam, Follow};
 use crate::config::ACTION_L2_DIMENSIONS;
 use crate::matrix::{Aligned, zeros};
 use crate::net::{InputGradient, MlpScratch, OutputActivation, Rows};
+use crate::numbers::{pull_back, write_actions};
 use crate::{
-    ActionMap, ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Policy, RlError, RunningNormalizer, elementwise,
+    ActorChoice, Batch, DdpgConfig, EpisodeShape, Mlp, Numbers, Policy, RlError, RunningNormalizer, elementwise,
 };
 
 /// A network, the target that follows it, and its optimiser.
@@ -79,26 +80,10 @@ pub struct Dimensions {
     pub goal_dim: usize,
     /// Numbers in an action.
     pub act_dim: usize,
-    /// Outputs of the actor. If they are not the actions, the learner needs an [`ActionMap`].
+    /// Outputs of the actor. If they are not the actions, the learner needs [`Numbers`].
     pub n_outputs: usize,
     /// Whether actor and critic are told through how many numbers the actor acts, see [`Numbers`].
     pub told_numbers: bool,
-}
-
-/// A space of actions with few dimensions.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Numbers {
-    /// The map from the actor's outputs to its actions.
-    pub map: ActionMap,
-    /// Its dimensions, if they are fewer than the policy has at the end.
-    pub fewer: Option<usize>,
-}
-
-impl Numbers {
-    /// (fewer dimensions) => what the networks are told: 0 if there are no fewer
-    pub(crate) fn told(fewer: Option<usize>) -> f32 {
-        fewer.map_or(0.0, |k| 1.0 / k.max(1) as f32)
-    }
 }
 
 impl Dimensions {
@@ -111,9 +96,9 @@ impl Dimensions {
 
 /// The learner: actor and critic, their targets and optimisers, and the normalisers of their inputs.
 ///
-/// The actor reads the normalised observation and the normalised goal, then perhaps how many [`Numbers`] it has. The critic
-/// reads the same and then the action. An
-/// episode ends at a time limit and never in a terminal state, so every target includes the value of the next state.
+/// The actor reads the normalised observation and the normalised goal, and perhaps how many [`Numbers`] it has. The critic
+/// reads the same and then the action. An episode ends at a time limit and never in a terminal state, so every target
+/// includes the value of the next state.
 ///
 /// # Source
 /// Lillicrap et al. 2016, algorithm 1, with the losses of OpenAI baselines HER.
@@ -378,53 +363,4 @@ impl Ddpg {
 /// hand for which the factor was chosen. It would then outweigh the value, which says little at first.
 fn action_l2(config: &DdpgConfig, act_dim: usize) -> f32 {
     config.action_l2 * (act_dim as f32 / ACTION_L2_DIMENSIONS).min(1.0)
-}
-
-/// (rows of inputs, the actor's outputs) => the actions in the last part of each row
-fn write_actions(input: &mut [f32], stride: usize, outputs: &[f32], act_dim: usize, numbers: &[Numbers]) {
-    let actions = input.chunks_exact_mut(stride).map(|row| &mut row[stride - act_dim..]);
-    let Some(first) = numbers.first() else {
-        actions.zip(outputs.chunks_exact(act_dim)).for_each(|(action, output)| action.copy_from_slice(output));
-        return;
-    };
-    let outputs = outputs.chunks_exact(first.map.n_outputs());
-    for ((action, output), Numbers { map, .. }) in actions.zip(outputs).zip(numbers.iter().cycle()) {
-        map.apply(output, action);
-        action.iter_mut().for_each(|a| *a = a.clamp(-1.0, 1.0));
-    }
-}
-
-/// (rows of inputs with the clamped actions, gradient by them) => gradient by the actor's outputs
-///
-/// A clamped action does not change with the outputs, so its gradient is left out.
-fn pull_back(numbers: &[Numbers], input: &[f32], stride: usize, by_action: &mut [f32], by_output: &mut [f32]) {
-    let (act_dim, n_outputs) = (numbers[0].map.n_actions(), numbers[0].map.n_outputs());
-    let rows = input.chunks_exact(stride).zip(by_action.chunks_exact_mut(act_dim)).zip(numbers.iter().cycle());
-    for (((row, by_action), Numbers { map, .. }), by_output) in rows.zip(by_output.chunks_exact_mut(n_outputs)) {
-        for (gradient, action) in by_action.iter_mut().zip(&row[stride - act_dim..]) {
-            *gradient = if action.abs() < 1.0 { *gradient } else { 0.0 };
-        }
-        map.pull_back(by_action, by_output);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn rows_take_turns_with_the_maps() {
-        let through = |matrix: [f32; 2], offset: f32| Numbers {
-            map: ActionMap::new(matrix.to_vec(), vec![offset], 2).unwrap(),
-            fewer: None,
-        };
-        let maps = [through([1.0, 2.0], 0.0), through([0.5, 0.0], 0.25)];
-        // Rows of one state and one action.
-        let mut rows = [9.0, 0.0, 9.0, 0.0, 9.0, 0.0];
-        write_actions(&mut rows, 2, &[0.1, 0.2, 0.1, 0.2, 1.0, 1.0], 1, &maps);
-        assert_eq!(rows, [9.0, 0.5, 9.0, 0.3, 9.0, 1.0]);
-        let mut by_output = [7.0; 6];
-        pull_back(&maps, &rows, 2, &mut [1.0, 1.0, 1.0], &mut by_output);
-        assert_eq!(by_output, [1.0, 2.0, 0.5, 0.0, 0.0, 0.0], "a clamped action has no gradient");
-    }
 }

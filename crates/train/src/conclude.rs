@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use eigenhand_rl::Policy;
 use eigenhand_sim::GraspTask;
-use eigenhand_synergy::{Content, MotionRecord, Recommended, Synergy};
+use eigenhand_synergy::{Content, MotionRecord, Synergy};
 
 use crate::assignment::Assignment;
 use crate::control::control_space;
@@ -85,17 +85,17 @@ impl Trainer {
         let success_rate = evaluation.map(Evaluation::success_rate);
         let synergy = reward.feedback.synergy();
         let postures = postures.newest();
-        let recommended = success_rate.and_then(|all| {
-            let components = fewest_components(&success_with_components, all)?;
-            let reason = format!(
-                "with {components} number{} {:.1} % of {} episodes succeed, with all joints {:.1} %",
-                if components == 1 { "" } else { "s" },
-                100.0 * success_with_components[components],
-                evaluation.map_or(0, |e| e.all.episodes),
-                100.0 * all
-            );
-            (components <= config.synergy.components).then_some(Recommended { components, reason })
-        });
+        let mut product = ControlProduct::of(
+            &control.actuators,
+            &task.posture_joints,
+            &described,
+            &motions,
+            &with_fewer,
+            config.synergy.components,
+        )?;
+        if let (Some(product), Some(evaluation)) = (&mut product, evaluation) {
+            product.recommend(&success_with_components, evaluation.success_rate(), evaluation.all.episodes);
+        }
         let products = Products {
             hand,
             task,
@@ -103,15 +103,7 @@ impl Trainer {
             provenance,
             policy: &policy,
             policy_episode: Some(policy_episode),
-            control: ControlProduct::of(
-                &control.actuators,
-                &task.posture_joints,
-                &described,
-                &motions,
-                &with_fewer,
-                config.synergy.components,
-                recommended,
-            )?,
+            control: product,
             synergy,
             postures,
         };
@@ -186,8 +178,8 @@ impl Trainer {
         }))
     }
 
-    /// Returns the motions of the run's policy on episodes of their own.
-    /// If the run is not complete, or the policy fails in all of these, they are those of the newest training episodes.
+    /// Returns the motions of the run's policy in episodes of their own. If the run is not complete, or the policy fails in
+    /// all of these episodes, they are those of the newest training episodes.
     fn motions_of(&mut self, policy: &Policy, complete: bool) -> Result<Vec<MotionRecord>, TrainError> {
         let newest = self.control.newest(self.counters.episodes).to_vec();
         if !complete {

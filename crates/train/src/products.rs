@@ -16,6 +16,7 @@ use serde::Serialize;
 use crate::actuators::HandActuators;
 use crate::config::RunConfig;
 use crate::control::control_space;
+use crate::drive::is_nearly;
 use crate::error::TrainError;
 use crate::provenance::Provenance;
 use crate::task::actuation_map;
@@ -45,6 +46,9 @@ pub(crate) struct Products<'a> {
     pub postures: &'a [Vec<f64>],
 }
 
+/// Numbers are recommended if they give at least this share of the opening.
+const LEAST_OPENING: f64 = 0.5;
+
 /// A control synergy as it is exported.
 pub(crate) struct ControlProduct {
     synergy: Synergy,
@@ -67,7 +71,6 @@ impl ControlProduct {
         motions: &[MotionRecord],
         with_fewer: &[(usize, Vec<MotionRecord>)],
         components: usize,
-        recommended: Option<Recommended>,
     ) -> Result<Option<ControlProduct>, TrainError> {
         let Some(mut synergy) = control_space(&actuators.coordinates, described, components)? else { return Ok(None) };
         let commands_of = |steps: &[MotionRecord]| steps.iter().map(|step| step.command.clone()).collect::<Vec<_>>();
@@ -78,7 +81,26 @@ impl ControlProduct {
         let with_all = (synergy.n_components(), motions);
         let counted = with_fewer.iter().map(|(k, motions)| (*k, motions.as_slice())).chain([with_all]);
         let grasps = counted.flat_map(|(k, motions)| mean_grasps(&synergy, actuators, k, motions)).collect();
-        Ok(Some(ControlProduct { synergy, commands, joint_map, recommended, grasps }))
+        Ok(Some(ControlProduct { synergy, commands, joint_map, recommended: None, grasps }))
+    }
+
+    /// (success with 0, 1, 2... numbers, success with all joints, episodes of each) => recommends the fewest numbers that are
+    /// nearly as good and open the hand, if there are such
+    ///
+    /// Episodes begin with the open hand, so success alone does not show that the numbers open it.
+    pub fn recommend(&mut self, success: &[f64], all_joints: f64, episodes: u64) {
+        let opening = opening_shares(&self.grasps, self.synergy.n_components());
+        let enough = |&k: &usize| is_nearly(success[k], all_joints) && opening[k - 1] >= LEAST_OPENING;
+        let Some(components) = (1..success.len().min(opening.len() + 1)).find(enough) else { return };
+        let reason = format!(
+            "with {components} number{} {:.1} % of {episodes} episodes succeed, with all joints {:.1} %; share of the \
+             opening {:.0} %",
+            if components == 1 { "" } else { "s" },
+            100.0 * success[components],
+            100.0 * all_joints,
+            100.0 * opening[components - 1]
+        );
+        self.recommended = Some(Recommended { components, reason });
     }
 
     /// Reads the directory that a run exported.
@@ -98,6 +120,23 @@ impl ControlProduct {
             }),
         }
     }
+}
+
+/// Returns the share of the squared distance between the open and the holding hand that lies in the first component, in the
+/// first two, and so on, over the grasps with all `k` numbers.
+fn opening_shares(grasps: &[NamedGrasp], k: usize) -> Vec<f64> {
+    let mut squares = vec![0.0; k];
+    for NamedGrasp { open, held, .. } in grasps.iter().filter(|grasp| grasp.numbers == k) {
+        let way = open.z.iter().zip(&held.z).map(|(open, held)| open - held);
+        squares.iter_mut().zip(way).for_each(|(sum, difference)| *sum += difference * difference);
+    }
+    let all: f64 = squares.iter().sum();
+    let mut so_far = 0.0;
+    let share = |square: f64| {
+        so_far += square;
+        if all > 0.0 { so_far / all } else { 0.0 }
+    };
+    squares.into_iter().map(share).collect()
 }
 
 /// Returns the mean grasp of each object with the first `k` numbers, in the order of the objects' names.
@@ -368,4 +407,41 @@ fn reference_step(
     env.step(&step.action)?;
     env.observe(&mut step.next_observation);
     Ok(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use eigenhand_synergy::Unit;
+
+    use super::*;
+
+    #[test]
+    fn numbers_are_recommended_if_they_lift_and_open() {
+        let joint = |name: &str| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -9.0, upper: 9.0 };
+        let joints = ["a", "b", "c"].map(joint);
+        let commands = vec![vec![3.0, 0.0, 0.0], vec![-3.0, 0.0, 0.0], vec![0.0, 2.0, 0.0], vec![0.0, -2.0, 1.0]];
+        let synergy = Synergy::fit(&joints, &commands, 3).unwrap();
+        let joint_map = JointMap::fit(&synergy, &commands, &joints, &commands).unwrap();
+        let moment = |z: &[f64]| Moment { z: z.to_vec(), q: Vec::new() };
+        let grasp = |open: &[f64], held: &[f64]| NamedGrasp {
+            object: "cube".to_owned(),
+            numbers: open.len(),
+            motions: 1,
+            open: moment(open),
+            closed: moment(held),
+            held: moment(held),
+        };
+        // Squared distances of the two grasps: 1 + 1, 1 + 4 and 1 + 0.
+        let grasps =
+            vec![grasp(&[9.0], &[0.0]), grasp(&[1.0, 2.0, 0.0], &[0.0, 1.0, 1.0]), grasp(&[0.0; 3], &[1.0, 2.0, 0.0])];
+        assert_eq!(opening_shares(&grasps, 3), [2.0 / 8.0, 7.0 / 8.0, 1.0]);
+        let mut product = ControlProduct { synergy, commands, joint_map, recommended: None, grasps };
+        product.recommend(&[0.1, 0.96, 0.97, 0.98], 0.97, 200);
+        let Recommended { components, reason } = product.recommended.clone().unwrap();
+        assert_eq!(components, 2, "one number lifts but does not open");
+        assert!(reason.contains("97.0 % of 200") && reason.contains("opening 88 %"), "{reason}");
+        product.recommended = None;
+        product.recommend(&[0.1, 0.2, 0.3, 0.4], 0.97, 200);
+        assert_eq!(product.recommended, None);
+    }
 }

@@ -30,6 +30,14 @@ fn assert_close(got: &[f64], expected: &[f64], tolerance: f64) {
 }
 
 #[test]
+fn the_ranges_of_the_coefficients_include_further_postures() {
+    let mut synergy = Synergy::fit(&joints(2), &[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]], 1).unwrap();
+    assert_eq!((synergy.coefficient_min(), synergy.coefficient_max()), (&[-1.0][..], &[1.0][..]));
+    synergy.widen(&[[1.5, 0.5], [4.0, -1.0]]);
+    assert_eq!((synergy.coefficient_min(), synergy.coefficient_max()), (&[-1.0][..], &[3.0][..]));
+}
+
+#[test]
 fn agrees_with_numpy() {
     let numpy = fixture();
     let joints = joints(numpy.mean.len());

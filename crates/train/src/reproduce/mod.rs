@@ -96,9 +96,9 @@ impl Reproduction {
     /// Resolves the settings, locks the directory, and finds the state of its runs. No run is changed.
     ///
     /// # Errors
-    /// The first fault of the settings or the hand, which a study also has if it does not say which actuators close it;
-    /// [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when
-    /// a run in the directory has other settings or another version of the hand; [`TrainError::Locked`].
+    /// The first fault of the settings or the hand; for a study, a hand that does not say which actuators close it is a fault
+    /// too. [`TrainError::OtherSettings`] and [`TrainError::HandChanged`] when a run in the directory has other settings or
+    /// another version of the hand; [`TrainError::Locked`].
     pub fn prepare(request: &Request) -> Result<Reproduction, TrainError> {
         refuse_varied(&request.settings)?;
         let seeds = distinct(&request.seeds);
