@@ -3,9 +3,9 @@
     python drive_synergy.py EXPORT [--object NAME] [--numbers K] [--render FILE.png]
 
 EXPORT is a run directory, or what `cargo xtask export` wrote. No policy runs. `synergy/synergy.toml` says what the numbers
-command, and its [[grasps]] hold the numbers of a mean grasp of each object: open, closed and held. The script moves the
-arm down, moves the numbers from open to closed, and moves the arm up. It ends with a status of 1 if the object is not
-lifted by at least 5 cm.
+command, and its [[grasps]] hold the numbers of a mean grasp of each object: open, closed and held. The hand
+starts more or less closed. The script opens it, moves the arm down, moves the numbers from open to closed, and moves the
+arm up. It ends with a status of 1 if the object is not lifted by at least 5 cm.
 """
 
 import argparse
@@ -25,7 +25,7 @@ except ModuleNotFoundError:  # Python before 3.11: pip install tomli
     import tomli as tomllib
 
 # Seconds of each part of the grasp.
-DOWN, CLOSE, SQUEEZE, UP, HOLD = 0.8, 0.8, 0.3, 1.0, 0.5
+OPEN, DOWN, CLOSE, SQUEEZE, UP, HOLD = 0.6, 0.8, 0.8, 0.3, 1.0, 0.5
 LEAST_LIFT = 0.05
 # The policy closes the hand while it comes down. The script brings the hand down first, and lower by so many metres.
 LOWER = 0.04
@@ -70,7 +70,7 @@ def drive(export, name, numbers, picture):
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, feature, 0))
     data = mujoco.MjData(model)
     data.qpos[:] = reference["qpos"]
-    data.ctrl[:] = policy["start"]["ctrl"]
+    data.ctrl[:] = reference["ctrl"]
 
     def index(kind, name):
         found = mujoco.mj_name2id(model, kind, name)
@@ -100,6 +100,7 @@ def drive(export, name, numbers, picture):
     mujoco.mj_forward(model, data)
     low = data.qpos[place]
     opened, closed, held = numbers["open"], numbers["closed"], numbers["held"]
+    move(OPEN, opened, opened, start, start)
     move(DOWN, opened, opened, start, height["closed"])
     move(CLOSE, opened, closed, height["closed"], height["closed"])
     move(SQUEEZE, closed, held, height["closed"], height["closed"])

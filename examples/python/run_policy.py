@@ -30,6 +30,8 @@ RUN_VERSION = "2.2.2"
 TOLERANCE, NEWER_TOLERANCE = 1e-5, 1e-2
 # What newer ones do by default and 2.2.2 does not: they find the contacts of curved shapes in another way.
 NEWER_FEATURES = ("mjDSBL_NATIVECCD", "mjDSBL_MULTICCD")
+# Distance in m by which the object is moved aside while the hand closes.
+AWAY = 0.8
 
 
 def read_safetensors(path):
@@ -142,11 +144,22 @@ class Scene:
             body = self.model.body_parentid[body]
         return body == root
 
-    def reset(self, qpos):
+    def reset(self, qpos, ctrl):
         mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = qpos
-        self.data.ctrl[:] = self.config["start"]["ctrl"]
+        self.data.qpos[:], self.data.ctrl[:] = qpos, ctrl
         mujoco.mj_forward(self.model, self.data)
+
+    def close(self, share):
+        """Returns the positions and controls of the hand closed by a share, with the object moved aside."""
+        start, qpos = self.config["start"], self.start.copy()
+        ctrl = np.array(start["ctrl"]) + share * np.subtract(start["closed_ctrl"], start["ctrl"])
+        for name, position in start["joints"].items():
+            qpos[self.model.jnt_qposadr[self.id(mujoco.mjtObj.mjOBJ_JOINT, name)]] = position
+        qpos[self.object_qpos] += AWAY
+        self.reset(qpos, ctrl)
+        for _ in range(round(start["closing_time_s"] / self.model.opt.timestep)):
+            mujoco.mj_step(self.model, self.data)
+        return self.data.qpos.copy(), ctrl
 
     def step(self, action):
         self.data.ctrl[:] = self.policy.controls(action)
@@ -180,34 +193,47 @@ class Scene:
 
         return np.array([value(source) for source in self.sources], np.float32)
 
-    def succeeds(self, goal):
-        """Tells whether the object is near its goal and held: it touches the hand and not the plane."""
+    def touching(self):
+        """Returns the geoms that touch the object."""
         others = []
         for i in range(self.data.ncon):
             contact = self.data.contact[i]
             pair = {contact.geom1, contact.geom2}
             if contact.efc_address >= 0 and self.object_geom in pair:
                 others += pair - {self.object_geom}
+        return others
+
+    def succeeds(self, goal):
+        """Tells whether the object is near its goal and held: it touches the hand and not the plane."""
+        others = self.touching()
         held = any(self.is_hand[g] for g in others) and self.plane_geom not in others
         place = self.data.qpos[self.object_qpos :][:3]
         return held and np.linalg.norm(place - goal) < self.config["success_distance_m"]
 
     def place(self, random):
-        """Draws a start: the object as it rests in the reference, moved and turned about the vertical."""
-        qpos, span = self.start.copy(), self.config["object_range_m"]
-        at = self.object_qpos
-        qpos[at : at + 2] = random.uniform(-span, span, 2)
+        """Draws a start and a goal: the object as it rests in the reference, moved and turned about the vertical, and the
+        hand closed by a share."""
+        at, span = self.object_qpos, self.config["object_range_m"]
+        place = self.start[at : at + 7].copy()
+        place[:2] = random.uniform(-span, span, 2)
         half = random.uniform(-np.pi, np.pi) / 2
-        turned = np.empty(4)
-        mujoco.mju_mulQuat(turned, np.array([np.cos(half), 0, 0, np.sin(half)]), self.start[at + 3 : at + 7])
-        qpos[at + 3 : at + 7] = turned
-        return qpos, qpos[at : at + 3] + [0, 0, random.uniform(*self.config["goal_height_m"])]
+        mujoco.mju_mulQuat(place[3:], np.array([np.cos(half), 0, 0, np.sin(half)]), self.start[at + 3 : at + 7])
+        goal = place[:3] + [0, 0, random.uniform(*self.config["goal_height_m"])]
+        share = random.uniform(*self.config["start"]["closed_share"])
+        while True:
+            qpos, ctrl = self.close(share)
+            qpos[at : at + 7] = place
+            self.reset(qpos, ctrl)
+            # A hand that would touch the object is closed less.
+            if share == 0 or not any(self.is_hand[g] for g in self.touching()):
+                return qpos, ctrl, goal
+            share = share / 2 if share > 0.1 else 0.0
 
 
 def check(scene, policy, reference):
     """Repeats the reference step and returns the largest differences."""
     goal = np.array(reference["desired_goal"], np.float32)
-    scene.reset(reference["qpos"])
+    scene.reset(reference["qpos"], reference["ctrl"])
     observation = scene.observe()
     action = policy.act(observation, goal)
     # The step is taken with the recorded action, so that the simulation is compared by itself.
@@ -216,9 +242,9 @@ def check(scene, policy, reference):
     return {name: float(np.max(np.abs(value - np.array(reference[name])))) for name, value in found.items()}
 
 
-def play(scene, policy, qpos, goal):
+def play(scene, policy, qpos, ctrl, goal):
     """Plays an episode; it succeeds when its last steps all do."""
-    scene.reset(qpos)
+    scene.reset(qpos, ctrl)
     good = []
     for _ in range(scene.config["episode_steps"]):
         scene.step(policy.act(scene.observe(), goal))

@@ -64,6 +64,44 @@ fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
     }
 }
 
+/// The hand of the script closes as that of Eigenhand does, and leaves the object's place alone.
+#[test]
+fn an_episode_in_plain_mujoco_starts_with_a_closed_hand() {
+    if !(python_has("numpy, mujoco") && has_toml()) {
+        return;
+    }
+    let run = Run::new(registry().get("shadow").unwrap());
+    run.train(&tiny(&["episodes=4", "training.warmup_episodes=4", "task.closed_start=[0.6, 0.9]"]));
+    let script = r#"
+import json, pathlib, sys
+sys.path.insert(0, sys.argv[1])
+import numpy as np
+import run_policy
+run = pathlib.Path(sys.argv[2])
+(reference,) = json.loads((run / "scenes" / "reference.json").read_text())
+scene = run_policy.Scene(run, run_policy.Policy(run), reference)
+start = scene.config["start"]
+span = np.subtract(start["closed_ctrl"], start["ctrl"])
+share = np.subtract(reference["ctrl"], start["ctrl"])[span != 0] / span[span != 0]
+qpos, ctrl = scene.close(share[0])
+hand = np.delete(np.arange(len(qpos)), range(scene.object_qpos, scene.object_qpos + 7))
+drawn = [scene.place(np.random.default_rng(seed)) for seed in range(5)]
+shares = [float(((c - start["ctrl"]) / np.where(span != 0, span, np.inf)).max()) for _, c, _ in drawn]
+raised = [float(goal[2] - q[scene.object_qpos + 2]) for q, _, goal in drawn]
+difference = float(np.abs(qpos - reference["qpos"])[hand].max()), float(np.abs(ctrl - reference["ctrl"]).max())
+print(json.dumps([[float(share.min()), float(share.max())], difference, shares, raised]))
+"#;
+    let examples = workspace().join("examples/python");
+    let output = Command::new(python()).args(["-c", script]).arg(examples).arg(&run.path).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    let (share, difference, shares, raised): ([f64; 2], [f64; 2], Vec<f64>, Vec<f64>) =
+        serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"));
+    assert!((0.6..=0.9).contains(&share[0]) && (share[1] - share[0]).abs() < 1e-9, "{share:?}");
+    assert!(difference[0] < 1e-4 && difference[1] < 1e-9, "{difference:?}");
+    assert!(shares.iter().all(|share| (0.6..=0.9).contains(share)), "{shares:?}");
+    assert!(raised.iter().all(|height| (0.019..=0.051).contains(height)), "{raised:?}");
+}
+
 #[test]
 fn the_policy_runs_with_fewer_numbers() {
     if !(python_has("numpy, mujoco") && has_toml()) {

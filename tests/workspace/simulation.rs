@@ -383,6 +383,62 @@ fn draws_change_neither_poses_nor_goals_of_an_episode() {
     assert_eq!((middle.object_scale(), middle.friction()), (1.0, 1.0));
 }
 
+/// Returns the start of an episode: `qpos` and `ctrl` of the simulation, and the goal.
+fn start(task: &Arc<GraspTask>, index: u64) -> (Vec<f64>, Vec<f64>, [f32; 3]) {
+    let mut env = GraspEnv::new(task).unwrap();
+    env.reset(0, &mut rng::stream(1, "simulation", index)).unwrap();
+    let data = env.simulation();
+    (data.qpos().to_vec(), data.ctrl().to_vec(), env.desired_goal())
+}
+
+#[test]
+fn the_hand_starts_closed_by_a_random_share() {
+    let shadow = registry().get("shadow").unwrap();
+    let with = |range: &str| task(&tiny(&["objects=[\"cube\"]", &format!("task.closed_start={range}")]), &shadow);
+    let [open, any, closed] = ["[0.0, 0.0]", "[0.0, 1.0]", "[1.0, 1.0]"].map(with);
+    let mut shares = Vec::new();
+    for index in 0..6 {
+        let [(open_qpos, open_ctrl, goal), (qpos, ctrl, same_goal), (closed_qpos, closed_ctrl, _)] =
+            [&open, &any, &closed].map(|task| start(task, index));
+        assert_eq!(open_ctrl, open.start_controls());
+        assert_eq!(closed_ctrl, open.closed_controls());
+        // The object and its goal do not depend on the hand. The object comes first.
+        assert_eq!((&open_qpos[..7], goal), (&qpos[..7], same_goal));
+        let share = |i: usize| (ctrl[i] - open_ctrl[i]) / (closed_ctrl[i] - open_ctrl[i]);
+        let closing: Vec<usize> = (0..ctrl.len()).filter(|&i| closed_ctrl[i] != open_ctrl[i]).collect();
+        assert_eq!(closing.len(), shadow.manifest.closing.len());
+        assert!(closing.iter().all(|&i| (share(i) - share(closing[0])).abs() < 1e-12));
+        shares.push(share(closing[0]));
+        let joint = |qpos: &[f64]| qpos[7 + any.posture_joints.iter().position(|j| j.name == "FFJ1").unwrap()];
+        let reached = (joint(&qpos) - joint(&open_qpos)) / (joint(&closed_qpos) - joint(&open_qpos));
+        assert!((reached - share(closing[0])).abs() < 0.1, "{reached}, {}", share(closing[0]));
+        assert!(joint(&closed_qpos) > 0.8, "the finger is bent: {}", joint(&closed_qpos));
+    }
+    shares.sort_by(f64::total_cmp);
+    assert!(shares[0] >= 0.0 && shares[5] <= 1.0 && shares[5] - shares[0] > 0.3, "{shares:?}");
+    assert_eq!(start(&any, 3), start(&any, 3));
+}
+
+#[test]
+fn a_hand_that_would_touch_the_object_starts_more_open() {
+    let parallel = registry().get("parallel").unwrap();
+    let low = Hand {
+        manifest: {
+            let mut m = parallel.manifest.clone();
+            m.slide.start = -0.08;
+            m
+        },
+        ..parallel
+    };
+    let task = task(&tiny(&["objects=[\"cube\"]", "task.closed_start=[1.0, 1.0]"]), &low);
+    let mut env = GraspEnv::new(&task).unwrap();
+    for index in 0..4 {
+        env.reset(0, &mut rng::stream(1, "simulation", index)).unwrap();
+        assert!(!env.facts().touches_hand, "episode {index}");
+        assert_ne!(env.simulation().ctrl(), task.closed_controls());
+    }
+}
+
 #[test]
 fn an_episode_is_a_function_of_its_job() {
     let config = tiny(&[]);

@@ -33,7 +33,7 @@ const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 /// # Errors
 /// Those of [`GraspTask::new`] and [`GraspEnv::reset`].
 pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Picture, RenderError> {
-    let task = Arc::new(GraspTask::new(library, hand, setting)?);
+    let task = Arc::new(GraspTask::new(library, hand, &setting.with_open_start())?);
     let mut env = GraspEnv::new(&task)?;
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let mut points = Vec::new();

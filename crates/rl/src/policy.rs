@@ -71,6 +71,20 @@ impl Policy {
         Policy::new(actor, Vec::new(), observation.clone(), goal.clone(), map.clone())
     }
 
+    /// Returns this policy as it acts in the turn of `numbers`: if they are fewer, it is told so and acts through their map.
+    ///
+    /// # Panics
+    /// If the map does not have the policy's outputs and actions.
+    pub fn in_turn(&self, numbers: &Numbers) -> Policy {
+        let Some(k) = numbers.fewer else { return self.clone() };
+        let (found, expected) =
+            ((numbers.map.n_outputs(), numbers.map.n_actions()), (self.n_outputs(), self.act_dim()));
+        assert_eq!(found, expected, "outputs and actions of the map");
+        let told = self.with_fewer_numbers(k);
+        let Parts { actor, told, observation, goal, .. } = &*told.parts;
+        Policy::new(actor.clone(), told.clone(), observation.clone(), goal.clone(), Some(numbers.map.clone()))
+    }
+
     /// Allocates buffers for [`act`](Self::act). They fit every policy of the same learner.
     pub fn scratch(&self) -> PolicyScratch {
         let actor = &self.parts.actor;

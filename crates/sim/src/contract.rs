@@ -70,7 +70,7 @@ type Finding = Result<String, String>;
 pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractReport {
     let mut report =
         ContractReport { hand: hand.manifest.name.clone(), digest: hand.digest.clone(), checks: Vec::new() };
-    let task = match GraspTask::new(library, hand, setting) {
+    let task = match GraspTask::new(library, hand, &setting.with_open_start()) {
         Ok(task) => Arc::new(task),
         Err(error) => {
             report.add(COMPILES, Err(with_sources(&error)));

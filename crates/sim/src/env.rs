@@ -10,8 +10,11 @@ use crate::reward::StepFacts;
 use crate::scene::OBJECT_GEOM;
 use crate::self_contacts::deepest;
 use crate::setting::{Factors, Orientation, middle};
-use crate::task::{Addresses, GraspTask, ObjectScene};
+use crate::task::{AWAY, Addresses, GraspTask, ObjectScene};
 use eigenhand_mujoco::{Data, Model, WarningCounts};
+
+/// Time in s in which the hand takes the posture of its start.
+pub const CLOSING_TIME: f64 = 0.6;
 
 /// Height in m from which an object is dropped, so that it does not start inside the plane.
 const DROP: f64 = 0.001;
@@ -95,17 +98,17 @@ impl GraspEnv {
     /// Starts an episode in scene `index` of [`GraspTask::scenes`].
     ///
     /// The object is dropped in a random pose, without the hand, and comes to rest on the plane. Then it is moved back
-    /// to the random place above which it was dropped, and the open hand is set to the slide's start.
+    /// to the random place above which it was dropped, and the hand is set to the slide's start, closed by a random share. A
+    /// hand that would touch the object so is closed less.
     ///
     /// # Errors
-    /// [`SimError::Diverged`] when the simulation diverges during the drop. [`SimError::MuJoCo`] when the model changes
+    /// [`SimError::Diverged`] when the simulation diverges while the object drops or the hand closes. [`SimError::MuJoCo`] when the model changes
     /// while something else holds that of [`simulation`](Self::simulation).
     pub fn reset<R: Rng + ?Sized>(&mut self, index: usize, rng: &mut R) -> Result<(), SimError> {
         let task = Arc::clone(&self.task);
         let scene = &task.scenes[index];
         self.current = index;
         self.step = 0;
-        let at = &scene.addresses;
 
         let range = task.config.object_range;
         let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
@@ -116,6 +119,7 @@ impl GraspEnv {
             let scale = draw(task.config.object_scale, rng);
             self.drawn = Drawn { scale, friction: draw(task.physics.friction, rng) };
         }
+        let mut share = if task.closes() { draw(task.config.closed_start, rng) } else { 0.0 };
         let relative = self.drawn.scale / middle(task.config.object_scale);
         self.change_models(scene, relative)?;
 
@@ -137,16 +141,43 @@ impl GraspEnv {
         if rest[3] < 0.0 {
             rest[3..7].iter_mut().for_each(|q| *q = -*q);
         }
-        let data = &mut self.simulations[index];
-        data.qpos_mut().copy_from_slice(&at.start_qpos);
-        data.ctrl_mut().copy_from_slice(&task.start_ctrl);
-        let object = &mut data.qpos_mut()[at.object_qpos..at.object_qpos + 7];
-        object.copy_from_slice(&rest);
-        object[..2].copy_from_slice(&place);
-        data.forward();
-
+        rest[..2].copy_from_slice(&place);
         self.desired_goal = [place[0] as f32, place[1] as f32, (rest[2] + lift) as f32];
-        self.facts = read_facts(&self.simulations[index], at);
+        loop {
+            self.start(share, &rest)?;
+            if share == 0.0 || !self.facts.touches_hand {
+                return Ok(());
+            }
+            share = if share > 0.1 { share / 2.0 } else { 0.0 };
+        }
+    }
+
+    /// Begins the episode with the hand closed by a share and the object in a pose, all at rest.
+    fn start(&mut self, share: f64, object: &[f64]) -> Result<(), SimError> {
+        let Self { task, simulations, current, .. } = self;
+        let at = &task.scenes[*current].addresses;
+        let data = &mut simulations[*current];
+        let begin = |data: &mut Data, qpos: &[f64]| {
+            data.qpos_mut().copy_from_slice(qpos);
+            data.ctrl_mut().iter_mut().zip(task.controls_of_start(share)).for_each(|(ctrl, start)| *ctrl = start);
+        };
+        let mut qpos = at.start_qpos.clone();
+        if share > 0.0 {
+            begin(data, &qpos);
+            data.qpos_mut()[at.object_qpos] += AWAY;
+            for _ in 0..(CLOSING_TIME / task.physics.timestep).round() as usize {
+                data.step();
+            }
+            if data.warnings().bad_state > 0 {
+                return Err(SimError::Diverged { step: 0 });
+            }
+            qpos.copy_from_slice(data.qpos());
+            data.reset();
+        }
+        qpos[at.object_qpos..at.object_qpos + 7].copy_from_slice(object);
+        begin(data, &qpos);
+        data.forward();
+        self.facts = read_facts(data, at);
         Ok(())
     }
 

@@ -13,7 +13,7 @@ mod self_contacts;
 mod setting;
 mod task;
 
-pub use env::GraspEnv;
+pub use env::{CLOSING_TIME, GraspEnv};
 pub use error::SimError;
 pub use objects::{ConvexMesh, Object, ObjectSet, Shape};
 pub use physics::{Cone, PhysicsConfig};

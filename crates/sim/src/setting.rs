@@ -32,6 +32,9 @@ pub struct TaskConfig {
     pub object_scale: [f64; 2],
     /// Orientation of the object when it is dropped.
     pub orientation: Orientation,
+    /// Lowest and highest share by which the hand is closed at the start; drawn uniformly for each episode. The actuators of
+    /// `closing` in `hand.toml` close it; a hand without them starts open.
+    pub closed_start: [f64; 2],
     /// Time in s that a dropped object has to come to rest.
     pub settle_time: f64,
     /// Whether the observation has the number of the object.
@@ -77,6 +80,13 @@ impl TaskConfig {
             "two factors from 0.1 to 10, the lower first",
             format!("{:?}", self.object_scale),
         )?;
+        let [low, high] = self.closed_start;
+        check(
+            "task.closed_start",
+            0.0 <= low && low <= high && high <= 1.0,
+            "two shares from 0 to 1, the lower first",
+            format!("{:?}", self.closed_start),
+        )?;
         check(
             "task.settle_time",
             (0.0..=5.0).contains(&self.settle_time),
@@ -116,4 +126,14 @@ pub struct Setting {
     pub physics: PhysicsConfig,
     /// Settings of success.
     pub reward: RewardConfig,
+}
+
+impl Setting {
+    /// Returns this setting with episodes that start with the open hand.
+    #[must_use]
+    pub fn with_open_start(&self) -> Setting {
+        let mut setting = self.clone();
+        setting.task.closed_start = [0.0, 0.0];
+        setting
+    }
 }

@@ -76,11 +76,13 @@ pub struct GraspTask {
     pub control_ranges: Vec<(f64, f64)>,
     /// Controls that hold the hand open at the slide's start.
     pub(crate) start_ctrl: Vec<f64>,
+    /// Controls that hold the hand closed at the slide's start: the ends of the ranges of the actuators that close it.
+    pub(crate) closed_ctrl: Vec<f64>,
     pub(crate) slide_top: f64,
 }
 
 /// Distance in m by which the object is moved aside where it would be in the way.
-const AWAY: f64 = 0.8;
+pub(crate) const AWAY: f64 = 0.8;
 
 /// Numbers that describe the object in an observation: pose 7, velocity 6.
 const OBJECT_ENTRIES: [(&str, &str); 13] = [
@@ -173,6 +175,10 @@ impl GraspTask {
             })
             .collect::<Result<Vec<_>, _>>()?;
         let start_ctrl = start_controls(hand, actuators.len())?;
+        let closed = |((name, &start), &(low, high)): ((&String, &f64), &(f64, f64))| {
+            hand.manifest.closing.get(name).map_or(start, |&sign| if sign > 0.0 { high } else { low })
+        };
+        let closed_ctrl = actuators.iter().zip(&start_ctrl).zip(&control_ranges).map(closed).collect();
         Ok(GraspTask {
             config,
             physics,
@@ -182,6 +188,7 @@ impl GraspTask {
             actuators,
             control_ranges,
             start_ctrl,
+            closed_ctrl,
             slide_top: hand.manifest.slide.range[1],
             self_contacts,
             scenes,
@@ -250,9 +257,24 @@ impl GraspTask {
         self.scenes.first().map_or(0, |scene| scene.addresses.slide_ctrl)
     }
 
-    /// Returns the controls at which every episode starts.
+    /// Returns the controls of the open hand at the slide's start.
     pub fn start_controls(&self) -> &[f64] {
         &self.start_ctrl
+    }
+
+    /// Returns the controls of the closed hand at the slide's start.
+    pub fn closed_controls(&self) -> &[f64] {
+        &self.closed_ctrl
+    }
+
+    /// Tells whether the hand has actuators that close it.
+    pub(crate) fn closes(&self) -> bool {
+        self.closed_ctrl != self.start_ctrl
+    }
+
+    /// (share by which the hand is closed) => the controls at the start of an episode
+    pub(crate) fn controls_of_start(&self, share: f64) -> impl Iterator<Item = f64> {
+        self.start_ctrl.iter().zip(&self.closed_ctrl).map(move |(open, closed)| open + share * (closed - open))
     }
 
     /// Returns the action of these controls; 0 for an actuator whose range is a single value.

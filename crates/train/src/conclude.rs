@@ -15,7 +15,7 @@ use crate::metrics::TRUSTED;
 use crate::motion::motions;
 use crate::products::{ControlProduct, Products, write_products};
 use crate::progress::Progress;
-use crate::rollout::{Confinement, WorkerPool};
+use crate::rollout::WorkerPool;
 use crate::stress::Stress;
 use crate::summary::{OtherObjects, StoppedBy, Summary};
 use crate::trainer::Trainer;
@@ -199,9 +199,9 @@ impl Trainer {
         let mut found = Vec::new();
         for numbers in &numbers {
             let Some(k) = numbers.fewer else { continue };
-            let (policy, confinement) = Confinement::turn(policy, numbers);
             let (stream, episodes) = (EvaluationStream::Motion, 0..config.evaluation.episodes);
-            let episodes = simulate(&mut self.pool, task, &policy, config.seed, stream, episodes, confinement)?;
+            let episodes =
+                simulate(&mut self.pool, task, &policy.in_turn(numbers), config.seed, stream, episodes, None)?;
             found.push((k, motions(&episodes, &self.control.actuators, task)));
         }
         Ok(found)

@@ -161,6 +161,7 @@ pub(crate) fn evaluation_job(
         scene: Some((index % task.scenes.len() as u64) as usize),
         policy: policy.clone(),
         behaviour: Behaviour::Greedy,
+        fewer_numbers: false,
         confinement: None,
         disturbance: None,
     }

@@ -26,10 +26,11 @@ use crate::summary::Summary;
 use crate::task::{task_of, task_with_objects};
 
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
-const SCENE_KEYS: [&str; 10] = [
+const SCENE_KEYS: [&str; 11] = [
     "objects",
     "physics.",
     "reward.success_distance",
+    "task.closed_start",
     "task.final_steps",
     "task.goal_height",
     "task.object_range",
@@ -171,6 +172,7 @@ impl FinishedRun {
                 scene: Some(scene),
                 policy: self.policy.clone(),
                 behaviour: Behaviour::Greedy,
+                fewer_numbers: false,
                 confinement: None,
                 disturbance: None,
             };

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, rng};
-use eigenhand_sim::{GraspEnv, GraspTask, ObservationEntry, SimError, scene};
+use eigenhand_sim::{CLOSING_TIME, GraspEnv, GraspTask, ObservationEntry, SimError, scene};
 use eigenhand_synergy::{
     Import, JointInfo, JointMap, Moment, MotionRecord, NamedGrasp, Recommended, Space, Synergy, SynergyFile,
 };
@@ -241,6 +241,9 @@ struct ActionRecord {
 struct StartRecord {
     joints: BTreeMap<String, f64>,
     ctrl: Vec<f64>,
+    closed_ctrl: Vec<f64>,
+    closed_share: [f64; 2],
+    closing_time_s: f64,
 }
 
 /// First step of an episode in one scene, so that another program can check its own results.
@@ -248,6 +251,7 @@ struct StartRecord {
 struct ReferenceStep {
     object: String,
     qpos: Vec<f64>,
+    ctrl: Vec<f64>,
     desired_goal: [f32; GraspTask::GOAL_LEN],
     observation: Vec<f32>,
     action: Vec<f32>,
@@ -352,8 +356,20 @@ fn policy_record(products: &Products) -> PolicyRecord {
             .collect(),
         observation: task.observation_layout(),
         goal: ["x", "y", "z"].map(axis).to_vec(),
-        start: StartRecord { joints: products.hand.open_posture(), ctrl: task.start_controls().to_vec() },
+        start: StartRecord {
+            joints: start_joints(products.hand),
+            ctrl: task.start_controls().to_vec(),
+            closed_ctrl: task.closed_controls().to_vec(),
+            closed_share: task.config.closed_start,
+            closing_time_s: CLOSING_TIME,
+        },
     }
+}
+
+/// Returns the positions of the open hand's joints, and of the slide at its start.
+fn start_joints(hand: &Hand) -> BTreeMap<String, f64> {
+    let slide = &hand.manifest.slide;
+    hand.open_posture().into_iter().chain([(slide.name.clone(), slide.start)]).collect()
 }
 
 /// Writes every scene with the files that it refers to, and a reference step in each.
@@ -397,6 +413,7 @@ fn reference_step(
     let mut step = ReferenceStep {
         object: task.scenes[index].object.name.to_owned(),
         qpos: env.simulation().qpos().to_vec(),
+        ctrl: env.simulation().ctrl().to_vec(),
         desired_goal: env.desired_goal(),
         observation: vec![0.0; task.observation_len()],
         action: vec![0.0; task.action_len()],

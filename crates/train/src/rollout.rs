@@ -6,9 +6,7 @@ use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
 use eigenhand_mujoco::WarningCounts;
-use eigenhand_rl::{
-    ActionMap, EpisodeData, EpisodeShape, Exploration, ExplorationConfig, Numbers, Policy, PolicyScratch, rng,
-};
+use eigenhand_rl::{ActionMap, EpisodeData, EpisodeShape, Exploration, ExplorationConfig, Policy, PolicyScratch, rng};
 use eigenhand_sim::{GraspEnv, GraspTask, SimError, StepFacts};
 use eigenhand_synergy::Source;
 use rand::RngExt;
@@ -44,6 +42,8 @@ pub struct EpisodeJob {
     pub policy: Policy,
     /// How the actions are chosen.
     pub behaviour: Behaviour,
+    /// Whether the policy has only the first of its numbers.
+    pub fewer_numbers: bool,
     /// A further map from the policy's actions to those that are executed.
     pub confinement: Option<Confinement>,
     /// What disturbs the episode.
@@ -57,15 +57,6 @@ pub struct Confinement {
     pub map: Arc<ActionMap>,
     /// First steps of an episode that it leaves alone.
     pub free_steps: usize,
-}
-
-impl Confinement {
-    /// Returns a policy for an episode with these numbers, and the confinement if they are fewer than all.
-    pub(crate) fn turn(policy: &Policy, numbers: &Numbers) -> (Policy, Option<Confinement>) {
-        let Some(k) = numbers.fewer else { return (policy.clone(), None) };
-        let confinement = Confinement { map: Arc::new(numbers.map.clone()), free_steps: 0 };
-        (policy.with_fewer_numbers(k), Some(confinement))
-    }
 }
 
 /// A simulated episode.
@@ -127,8 +118,7 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
         Behaviour::Attempt(config) => (Exploration::attempt(config, &mut explore_rng), Source::Script),
         Behaviour::Explore(config) => {
             if explore_rng.random::<f32>() < config.noise_free_share {
-                let whole = job.confinement.is_none();
-                (Exploration::none(), if whole { Source::Policy } else { Source::Noise })
+                (Exploration::none(), if job.fewer_numbers { Source::Noise } else { Source::Policy })
             } else {
                 (Exploration::noisy(config, n_outputs, &mut explore_rng), Source::Noise)
             }

@@ -9,7 +9,12 @@ impl TrainingConfig {
     ///
     /// After warm-up, every other episode is a scripted grasp while objects are seldom held.
     pub fn attempts(&self, episode: u64, held_steps: f64) -> bool {
-        episode >= self.warmup_episodes && held_steps < self.least_held_steps && episode % 2 == 1
+        episode >= self.warmup_episodes && self.has_attempts(held_steps) && episode % 2 == 1
+    }
+
+    /// (mean number of steps that held an object in the last episodes) => whether some episodes are scripted grasps
+    pub fn has_attempts(&self, held_steps: f64) -> bool {
+        held_steps < self.least_held_steps
     }
 
     /// (share of training that is done, settings of the learner) => the learning rates of actor and critic

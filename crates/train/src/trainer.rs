@@ -30,7 +30,7 @@ use crate::metrics::{MetricsRow, TRUSTED};
 use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
-use crate::rollout::{Behaviour, Confinement, Episode, EpisodeJob, WorkerPool, episode_shape};
+use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
 use crate::threads::learning_threads;
 
 /// A training run.
@@ -187,16 +187,16 @@ impl Trainer {
         let exploration = Arc::new(exploration);
         let held_steps = self.counters.mean_held_steps();
         let last = (first + training.episodes_per_cycle as u64).min(config.episodes);
-        let turns: Vec<(Policy, Option<Confinement>)> = match self.learner.numbers() {
-            [] => vec![(policy, None)],
-            numbers => numbers.iter().map(|numbers| Confinement::turn(&policy, numbers)).collect(),
+        let turns: Vec<(Policy, bool)> = match self.learner.numbers() {
+            [] => vec![(policy, false)],
+            numbers => numbers.iter().map(|numbers| (policy.in_turn(numbers), numbers.fewer.is_some())).collect(),
         };
-        let turn = |index: u64| turns[(index % turns.len() as u64) as usize].clone();
+        let attempts = closes && training.has_attempts(held_steps);
         let behaviour = |index: u64| {
             let exploration = Arc::clone(&exploration);
             if index < training.warmup_episodes {
                 Behaviour::Warmup(exploration)
-            } else if closes && training.attempts(index, held_steps) {
+            } else if attempts && training.attempts(index, held_steps) {
                 Behaviour::Attempt(exploration)
             } else {
                 Behaviour::Explore(exploration)
@@ -206,7 +206,9 @@ impl Trainer {
             let behaviour = behaviour(index);
             // Scripted grasps and random actions have all numbers.
             let acts = matches!(behaviour, Behaviour::Explore(_));
-            let (policy, confinement) = turn(if acts { index } else { 0 });
+            // Half of the episodes are attempts, and the other half take the turns.
+            let number = if attempts { index / 2 } else { index };
+            let (policy, fewer_numbers) = turns[if acts { number as usize % turns.len() } else { 0 }].clone();
             EpisodeJob {
                 seed: config.seed,
                 stream: "train",
@@ -214,7 +216,8 @@ impl Trainer {
                 scene: None,
                 policy,
                 behaviour,
-                confinement,
+                fewer_numbers,
+                confinement: None,
                 disturbance: None,
             }
         });
