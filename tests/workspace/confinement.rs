@@ -47,8 +47,8 @@ fn confinement_survives_a_stop_and_any_number_of_workers() {
 
 #[test]
 fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
-    // Share of the commands outside the one component that the policy's map lets through: the map of the two actuators
-    // of the hand has the eigenvalues 1 and that share.
+    // Share of the commands outside the one component that the policy's map lets through: it is the lesser eigenvalue of the
+    // map of the hand's two actuators.
     let share = |changes: &[&str]| {
         let run = Run::new(gripper_with_vane());
         let config = tiny(&[&CONFINED[..], changes].concat());
@@ -58,7 +58,8 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
         policy.map().map_or(1.0, |map| {
             assert_eq!((map.n_outputs(), map.n_actions()), (3, 3));
             let at = |row: usize, column: usize| f64::from(map.matrix()[3 * row + column]);
-            at(1, 1) * at(2, 2) - at(1, 2) * at(2, 1)
+            let (half_trace, determinant) = ((at(1, 1) + at(2, 2)) / 2.0, at(1, 1) * at(2, 2) - at(1, 2) * at(2, 1));
+            half_trace - (half_trace * half_trace - determinant).max(0.0).sqrt()
         })
     };
     for (changes, expected) in [

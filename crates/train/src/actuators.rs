@@ -3,7 +3,7 @@
 use eigenhand_hands::Hand;
 use eigenhand_rl::ActionMap;
 use eigenhand_sim::GraspTask;
-use eigenhand_synergy::{JointInfo, Unit};
+use eigenhand_synergy::{JointInfo, Synergy, Unit};
 
 use crate::error::TrainError;
 
@@ -18,6 +18,8 @@ pub struct HandActuators {
     /// Index of each in an action.
     actions: Vec<usize>,
     n_actions: usize,
+    /// Indices in a posture and open positions of the hand's joints, without the slide.
+    open: Vec<(usize, f64)>,
 }
 
 impl HandActuators {
@@ -36,11 +38,13 @@ impl HandActuators {
             let (row, offset) = (&actuation.matrix[i], actuation.offset[i]);
             row.iter().any(|weight| *weight != 0.0).then(|| (row.clone(), offset))
         };
+        let is_slide = |i: usize| task.posture_joints[i].name == hand.manifest.slide.name;
         HandActuators {
             coordinates: actions.iter().map(coordinate).collect(),
             holding: actions.iter().map(holding).collect(),
             actions,
             n_actions: task.action_len(),
+            open: hand.open_posture_vector().into_iter().enumerate().filter(|(i, _)| !is_slide(*i)).collect(),
         }
     }
 
@@ -64,6 +68,11 @@ impl HandActuators {
         self.holding.iter().zip(commands).map(command).collect()
     }
 
+    /// (posture) => the squared distance of the hand's joints to the open hand
+    pub fn distance_to_open(&self, posture: &[f64]) -> f64 {
+        self.open.iter().map(|&(i, open)| (posture[i] - open) * (posture[i] - open)).sum()
+    }
+
     /// Returns these actuators without those of the given names, which then are as free as the slide.
     ///
     /// # Errors
@@ -84,6 +93,7 @@ impl HandActuators {
             holding: kept.iter().map(|&i| self.holding[i].clone()).collect(),
             actions: kept.iter().map(|&i| self.actions[i]).collect(),
             n_actions: self.n_actions,
+            open: self.open.clone(),
         })
     }
 
@@ -112,16 +122,45 @@ impl HandActuators {
         Ok(ActionMap::new(matrix, offset, n_outputs)?)
     }
 
-    /// Returns the map that moves an action's commands towards their projection on an affine space: for `rest` = 0 onto it,
-    /// for `rest` = 1 nowhere. The slide's action stays as it is.
+    /// Returns the map that projects an action's commands on an affine space. The slide's action stays as it is.
     ///
     /// # Shapes
     /// For `n` coordinates: `mean` n, `rows` k orthonormal rows of n, in the actuators' units.
     ///
     /// # Errors
     /// [`TrainError::Rl`] for numbers that are not finite.
-    pub fn confine(&self, mean: &[f64], rows: &[f64], rest: f64) -> Result<ActionMap, TrainError> {
-        let (n, n_actions) = (self.coordinates.len(), self.n_actions);
+    pub fn project(&self, mean: &[f64], rows: &[f64]) -> Result<ActionMap, TrainError> {
+        let numbers = rows.chunks_exact(self.coordinates.len()).map(|row| {
+            let from_mean: f64 =
+                row.iter().zip(self.centre_and_half()).zip(mean).map(|((c, (u, _)), m)| c * (u - m)).sum();
+            Number { row, middle: from_mean, scale: 1.0 }
+        });
+        self.mix(0.0, mean, &numbers.collect::<Vec<_>>())
+    }
+
+    /// Returns the map that moves an action's commands towards the first `k` numbers of a space, each in the range of the
+    /// space's samples: for `rest` = 0 there are only these numbers, for `rest` = 1 the commands stay. The slide's action
+    /// stays as it is.
+    ///
+    /// Number `i` is `middle + scale c (u - centre)` for the commands `u`, with the component `c`, the middle of the samples'
+    /// range, and the middle `centre` of the actuators' ranges. With `scale`, at most 1, all commands together give no more
+    /// than that range.
+    ///
+    /// # Errors
+    /// [`TrainError::Rl`] for numbers that are not finite.
+    pub fn confine(&self, space: &Synergy, k: usize, rest: f64) -> Result<ActionMap, TrainError> {
+        let numbers = (0..k).map(|i| {
+            let (row, low, high) = (space.component(i), space.coefficient_min()[i], space.coefficient_max()[i]);
+            let reach: f64 = row.iter().zip(self.centre_and_half()).map(|(c, (_, half))| c.abs() * half).sum();
+            let scale = if reach > 0.0 { ((high - low) / 2.0 / reach).min(1.0) } else { 1.0 };
+            Number { row, middle: (low + high) / 2.0, scale }
+        });
+        self.mix(rest, space.mean(), &numbers.collect::<Vec<_>>())
+    }
+
+    /// Returns the map to the commands `rest u + (1 - rest) (mean + numbers rows)`.
+    fn mix(&self, rest: f64, mean: &[f64], numbers: &[Number]) -> Result<ActionMap, TrainError> {
+        let n_actions = self.n_actions;
         let scales: Vec<(f64, f64)> = self.centre_and_half().collect();
         let mut matrix = vec![0.0f32; n_actions * n_actions];
         let mut offset = vec![0.0f32; n_actions];
@@ -133,18 +172,23 @@ impl HandActuators {
             if half <= 0.0 {
                 continue;
             }
-            let mut shift = mean[i] - centre;
-            for j in 0..n {
-                let onto: f64 = rows.chunks_exact(n).map(|row| row[i] * row[j]).sum();
+            for (j, &other) in self.actions.iter().enumerate() {
+                let linear: f64 = numbers.iter().map(|number| number.scale * number.row[i] * number.row[j]).sum();
                 let same = if i == j { rest } else { 0.0 };
-                let (other_centre, other_half) = scales[j];
-                matrix[action * n_actions + self.actions[j]] = (same + (1.0 - rest) * onto * other_half / half) as f32;
-                shift -= onto * (mean[j] - other_centre);
+                matrix[action * n_actions + other] = (same + (1.0 - rest) * linear * scales[j].1 / half) as f32;
             }
-            offset[action] = ((1.0 - rest) * shift / half) as f32;
+            let middle: f64 = mean[i] + numbers.iter().map(|number| number.middle * number.row[i]).sum::<f64>();
+            offset[action] = ((1.0 - rest) * (middle - centre) / half) as f32;
         }
         Ok(ActionMap::new(matrix, offset, n_actions)?)
     }
+}
+
+/// A number `middle + scale row (u - centre)` that commands `u` give, with the middle `centre` of the actuators' ranges.
+struct Number<'a> {
+    row: &'a [f64],
+    middle: f64,
+    scale: f64,
 }
 
 #[cfg(test)]
@@ -161,7 +205,7 @@ mod tests {
         };
         let coordinates = [("a", -1.0, 3.0), ("b", 0.0, 0.5), ("c", 2.0, 2.5)].map(coordinate).to_vec();
         let holding = vec![Some((vec![2.0, 0.0], 0.1)), None, Some((vec![0.0, 1.0], 0.0))];
-        HandActuators { coordinates, holding, actions: vec![0, 2, 3], n_actions: 4 }
+        HandActuators { coordinates, holding, actions: vec![0, 2, 3], n_actions: 4, open: vec![(1, 0.5)] }
     }
 
     const ACTIONS: [[f32; 4]; 3] = [[0.3, -0.7, 0.2, 0.9], [-1.0, 1.0, 0.0, 0.4], [0.1, 0.2, 0.8, -0.6]];
@@ -180,22 +224,57 @@ mod tests {
     }
 
     #[test]
-    fn confined_commands_are_as_far_outside_the_space_as_asked() {
+    fn confined_commands_are_as_far_outside_the_space_as_asked_and_fill_the_range_of_its_samples() {
         let hand = actuators();
-        let (mean, row) = ([0.5, 0.3, 2.2], [0.6, 0.0, 0.8]);
-        for rest in [0.0, 0.25, 1.0] {
-            let map = hand.confine(&mean, &row, rest).unwrap();
+        let samples = [[0.0, 0.1, 2.1], [2.0, 0.3, 2.4], [1.0, 0.4, 2.2], [0.5, 0.2, 2.3]];
+        let space = Synergy::fit(&hand.coordinates, &samples, 2).unwrap();
+        // The numbers after the first `k` are 0.
+        let numbers = |commands: &[f64], k: usize| -> Vec<f64> {
+            space.encode(commands).into_iter().enumerate().map(|(i, z)| if i < k { z } else { 0.0 }).collect()
+        };
+        let [low, high] = [space.coefficient_min(), space.coefficient_max()];
+        for k in [1, 2] {
+            let confined = hand.confine(&space, k, 0.0).unwrap();
             for action in ACTIONS {
-                let commands = hand.commands(&action);
-                let along: f64 = (0..3).map(|i| row[i] * (commands[i] - mean[i])).sum();
-                let projected: Vec<f64> = (0..3).map(|i| mean[i] + along * row[i]).collect();
-                let expected: Vec<f64> = (0..3).map(|i| projected[i] + rest * (commands[i] - projected[i])).collect();
-                let found = mapped(&map, &action);
-                assert_near(&hand.commands(&found), &expected);
-                assert_eq!(found[1], action[1], "the slide is free");
+                let all = hand.commands(&mapped(&confined, &action));
+                assert_near(&space.decode(&numbers(&all, k)), &all);
+                assert!(
+                    numbers(&all, k).iter().take(k).enumerate().all(|(i, z)| (low[i]..=high[i]).contains(z)),
+                    "{all:?}"
+                );
+                for rest in [0.25, 1.0] {
+                    let found = mapped(&hand.confine(&space, k, rest).unwrap(), &action);
+                    let free = hand.commands(&action).into_iter().zip(&all);
+                    let expected: Vec<f64> = free.map(|(free, all)| rest * free + (1.0 - rest) * all).collect();
+                    assert_near(&hand.commands(&found), &expected);
+                    assert_eq!(found[1], action[1], "the slide is free");
+                }
+            }
+            // The actions that move each actuator towards a component give the end of the range.
+            for i in 0..k {
+                for (sign, end) in [(1.0, high[i]), (-1.0, low[i])] {
+                    let toward = |j: usize| sign * space.component(i)[j].signum() as f32;
+                    let found = hand.commands(&mapped(&confined, &[toward(0), 0.0, toward(1), toward(2)]));
+                    assert!((space.encode(&found)[i] - end).abs() < 1e-4, "{i}: {found:?} {end}");
+                }
             }
         }
-        let constant = hand.confine(&mean, &[], 0.0).unwrap();
+    }
+
+    #[test]
+    fn projected_commands_lie_in_the_space() {
+        let hand = actuators();
+        let (mean, row) = ([0.5, 0.3, 2.2], [0.6, 0.0, 0.8]);
+        let map = hand.project(&mean, &row).unwrap();
+        for action in ACTIONS {
+            let commands = hand.commands(&action);
+            let along: f64 = (0..3).map(|i| row[i] * (commands[i] - mean[i])).sum();
+            let expected: Vec<f64> = (0..3).map(|i| mean[i] + along * row[i]).collect();
+            let found = mapped(&map, &action);
+            assert_near(&hand.commands(&found), &expected);
+            assert_eq!(found[1], action[1], "the slide is free");
+        }
+        let constant = hand.project(&mean, &[]).unwrap();
         ACTIONS.iter().for_each(|action| assert_near(&hand.commands(&mapped(&constant, action)), &mean));
     }
 
@@ -218,7 +297,7 @@ mod tests {
     #[test]
     fn actuators_that_are_left_out_are_free() {
         let hand = actuators().without(&["b".to_owned()]).unwrap();
-        let map = hand.confine(&[0.5, 2.2], &[0.6, 0.8], 0.0).unwrap();
+        let map = hand.project(&[0.5, 2.2], &[0.6, 0.8]).unwrap();
         for action in ACTIONS {
             let found = mapped(&map, &action);
             assert_eq!((found[1], found[2]), (action[1], action[2]));

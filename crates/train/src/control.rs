@@ -138,10 +138,9 @@ impl Control {
         let done = if end > start { ((now - start) / (end - start)).min(1.0) } else { 1.0 };
         let rest = 1.0 - (1.0 - self.last_rest) * done;
         let Some(space) = self.space(episode)? else { return Ok(Vec::new()) };
-        let (n, k) = (self.actuators.coordinates.len(), space.n_components());
+        let k = space.n_components();
         let first = |fewer: Option<usize>| -> Result<Numbers, TrainError> {
-            let rows = &space.components()[..fewer.unwrap_or(k) * n];
-            Ok(Numbers { map: self.actuators.confine(space.mean(), rows, rest)?, fewer })
+            Ok(Numbers { map: self.actuators.confine(&space, fewer.unwrap_or(k), rest)?, fewer })
         };
         let turns = (1..k).flat_map(|fewer| [None, Some(fewer)]);
         if k == 1 { Ok(vec![first(None)?]) } else { turns.map(first).collect() }

@@ -137,7 +137,7 @@ impl Driver<'_> {
         let k = k.min(self.space.n_components());
         let policy = if k < self.numbers.min(n) { &self.policy.with_fewer_numbers(k) } else { self.policy };
         let mut run = |rows: &[f64], range| -> Result<Tally, TrainError> {
-            let map = self.actuators.confine(self.space.mean(), rows, 0.0)?;
+            let map = self.actuators.project(self.space.mean(), rows)?;
             let confinement = Confinement { map: Arc::new(map), free_steps: self.free_steps };
             let found = simulate(pool, self.task, policy, seed, stream, range, Some(confinement))?;
             Ok(Tally::of(found.iter()))

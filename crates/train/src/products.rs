@@ -163,7 +163,13 @@ fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, k: usize, motions: 
     };
     let grasp = |(object, motions): (&str, Vec<&[MotionRecord]>)| {
         let first = |motion: &&'_ [MotionRecord]| -> usize { motion.iter().position(|s| s.held).unwrap_or(0) };
-        let open: Vec<MotionRecord> = motions.iter().map(|motion| opening(&motion[0])).collect();
+        // A hand that starts closed opens first.
+        let most_open = |motion: &&[MotionRecord]| {
+            let distance = |step: &MotionRecord| actuators.distance_to_open(&step.posture);
+            let approach = &motion[..first(motion).max(1)];
+            opening(approach.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(&motion[0]))
+        };
+        let open: Vec<MotionRecord> = motions.iter().map(most_open).collect();
         let closed: Vec<&MotionRecord> =
             motions.iter().map(|motion| &motion[first(motion).saturating_sub(1)]).collect();
         let held: Vec<&MotionRecord> = motions.iter().map(|motion| &motion[motion.len() - 1]).collect();
