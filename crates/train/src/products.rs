@@ -87,7 +87,7 @@ impl ControlProduct {
     /// (success with 0, 1, 2... numbers, success with all joints, episodes of each) => recommends the fewest numbers that are
     /// nearly as good and open the hand, if there are such
     ///
-    /// Episodes begin with the open hand, so success alone does not show that the numbers open it.
+    /// Where episodes begin with the open hand, success alone does not show that the numbers open it.
     pub fn recommend(&mut self, success: &[f64], all_joints: f64, episodes: u64) {
         let opening = opening_shares(&self.grasps, self.synergy.n_components());
         let enough = |&k: &usize| is_nearly(success[k], all_joints) && opening[k - 1] >= LEAST_OPENING;
