@@ -155,6 +155,8 @@ class Scene:
         ctrl = np.array(start["ctrl"]) + share * np.subtract(start["closed_ctrl"], start["ctrl"])
         for name, position in start["joints"].items():
             qpos[self.model.jnt_qposadr[self.id(mujoco.mjtObj.mjOBJ_JOINT, name)]] = position
+        if np.array_equal(ctrl, start["ctrl"]):
+            return qpos, ctrl
         qpos[self.object_qpos] += AWAY
         self.reset(qpos, ctrl)
         for _ in range(round(start["closing_time_s"] / self.model.opt.timestep)):
@@ -225,7 +227,8 @@ class Scene:
             qpos[at : at + 7] = place
             self.reset(qpos, ctrl)
             # A hand that would touch the object is closed less.
-            if share == 0 or not any(self.is_hand[g] for g in self.touching()):
+            closed = not np.array_equal(ctrl, self.config["start"]["ctrl"])
+            if not closed or not any(self.is_hand[g] for g in self.touching()):
                 return qpos, ctrl, goal
             share = share / 2 if share > 0.1 else 0.0
 

@@ -88,17 +88,19 @@ hand = np.delete(np.arange(len(qpos)), range(scene.object_qpos, scene.object_qpo
 drawn = [scene.place(np.random.default_rng(seed)) for seed in range(5)]
 shares = [float(((c - start["ctrl"]) / np.where(span != 0, span, np.inf)).max()) for _, c, _ in drawn]
 raised = [float(goal[2] - q[scene.object_qpos + 2]) for q, _, goal in drawn]
+off = [float(np.abs(q[scene.object_qpos :][:2]).max()) for q, _, _ in drawn]
 difference = float(np.abs(qpos - reference["qpos"])[hand].max()), float(np.abs(ctrl - reference["ctrl"]).max())
-print(json.dumps([[float(share.min()), float(share.max())], difference, shares, raised]))
+print(json.dumps([[float(share.min()), float(share.max())], difference, shares, raised, off]))
 "#;
     let examples = workspace().join("examples/python");
     let output = Command::new(python()).args(["-c", script]).arg(examples).arg(&run.path).output().unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
-    let (share, difference, shares, raised): ([f64; 2], [f64; 2], Vec<f64>, Vec<f64>) =
+    let (share, difference, shares, raised, off): ([f64; 2], [f64; 2], Vec<f64>, Vec<f64>, Vec<f64>) =
         serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"));
     assert!((0.6..=0.9).contains(&share[0]) && (share[1] - share[0]).abs() < 1e-9, "{share:?}");
     assert!(difference[0] < 1e-4 && difference[1] < 1e-9, "{difference:?}");
     assert!(shares.iter().all(|share| (0.6..=0.9).contains(share)), "{shares:?}");
+    assert!(off.iter().all(|distance| *distance <= 0.005), "{off:?}");
     assert!(raised.iter().all(|height| (0.019..=0.051).contains(height)), "{raised:?}");
 }
 

@@ -254,6 +254,8 @@ fn every_hand_is_free_of_contact_at_the_start_with_self_collision() {
         layers.add_assignment("objects=[\"cube\"]").unwrap();
         let task = task(&layers.resolve().unwrap(), &hand);
         let mut env = GraspEnv::new(&task).unwrap();
+        // The fingers of a closed hand may touch.
+        env.set_closing(0.0);
         env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
         assert_eq!(env.self_penetration(), 0.0, "{}", hand.manifest.name);
         let (_, warnings) = random_episode(&mut env, 5, 0, 50);
@@ -378,6 +380,15 @@ fn draws_change_neither_poses_nor_goals_of_an_episode() {
     for (a, b) in start(&drawn).into_iter().zip(start(&fixed)) {
         assert!((a - b).abs() < 1e-3, "{a}, {b}");
     }
+    let shadow = registry().get("shadow").unwrap();
+    let [drawn_too, fixed_too] = [&settings[..], &settings[2..]].map(|settings| task(&tiny(settings), &shadow));
+    let controls = |task: &Arc<GraspTask>| {
+        let mut env = GraspEnv::new(task).unwrap();
+        env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
+        env.simulation().ctrl().to_vec()
+    };
+    assert_ne!(controls(&fixed_too), fixed_too.start_controls());
+    assert_eq!(controls(&drawn_too), controls(&fixed_too), "the hand is closed by the same share");
     let mut middle = GraspEnv::without_draws(&drawn).unwrap();
     middle.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
     assert_eq!((middle.object_scale(), middle.friction()), (1.0, 1.0));
@@ -411,7 +422,7 @@ fn the_hand_starts_closed_by_a_random_share() {
         shares.push(share(closing[0]));
         let joint = |qpos: &[f64]| qpos[7 + any.posture_joints.iter().position(|j| j.name == "FFJ1").unwrap()];
         let reached = (joint(&qpos) - joint(&open_qpos)) / (joint(&closed_qpos) - joint(&open_qpos));
-        assert!((reached - share(closing[0])).abs() < 0.1, "{reached}, {}", share(closing[0]));
+        assert!((reached - share(closing[0])).abs() < 0.2, "{reached}, {}", share(closing[0]));
         assert!(joint(&closed_qpos) > 0.8, "the finger is bent: {}", joint(&closed_qpos));
     }
     shares.sort_by(f64::total_cmp);
@@ -432,11 +443,14 @@ fn a_hand_that_would_touch_the_object_starts_more_open() {
     };
     let task = task(&tiny(&["objects=[\"cube\"]", "task.closed_start=[1.0, 1.0]"]), &low);
     let mut env = GraspEnv::new(&task).unwrap();
+    let mut starts = Vec::new();
     for index in 0..4 {
         env.reset(0, &mut rng::stream(1, "simulation", index)).unwrap();
         assert!(!env.facts().touches_hand, "episode {index}");
         assert_ne!(env.simulation().ctrl(), task.closed_controls());
+        starts.push(env.simulation().ctrl().to_vec());
     }
+    assert!(starts.iter().any(|ctrl| ctrl != task.start_controls()), "not all the way: {starts:?}");
 }
 
 #[test]

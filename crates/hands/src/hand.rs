@@ -52,7 +52,7 @@ impl Hand {
         self.joints.iter().find(|joint| joint.name == name)
     }
 
-    /// Returns the position of every joint of the model at the start of an episode, by name.
+    /// Returns the position of every joint of the model in the open hand, by name.
     ///
     /// A joint without a value in the manifest follows its coupling; without a coupling it takes the position nearest
     /// to 0.
@@ -83,7 +83,7 @@ impl Hand {
         values
     }
 
-    /// Returns the posture at the start of an episode, in the order of [`Self::posture`].
+    /// Returns the posture of the open hand with the slide at its start, in the order of [`Self::posture`].
     pub fn open_posture_vector(&self) -> Vec<f64> {
         let values = self.open_posture();
         self.posture.iter().map(|joint| values.get(&joint.name).copied().unwrap_or(self.manifest.slide.start)).collect()

@@ -52,7 +52,7 @@ pub struct HandManifest {
     /// The vertical slide that carries the hand.
     #[serde(default)]
     pub slide: Slide,
-    /// Joint values at the start of an episode (rad, m); a joint that is missing starts at 0, or at the limit nearest
+    /// Joint values of the open hand (rad, m); a joint that is missing starts at 0, or at the limit nearest
     /// to 0.
     #[serde(default)]
     pub open_posture: BTreeMap<String, f64>,

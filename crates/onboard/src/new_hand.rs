@@ -257,7 +257,7 @@ fn write(
 }
 
 fn best_place_of(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Place, OnboardError> {
-    let task = GraspTask::new(library, hand, &setting.with_open_start())?;
+    let task = GraspTask::new(library, hand, setting)?;
     Ok(best_place(&Arc::new(task), &hand.manifest.closing, hand.manifest.objects.scale)?)
 }
 

@@ -24,7 +24,7 @@ const FROM_THE_SIDE: Camera =
 /// Looks at the palm through the table.
 const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 
-/// Draws the open hand above the table as at the start of an episode, one tile for each object of the setting. The last
+/// Draws the open hand above the table at the start of an episode, one tile for each object of the setting. The last
 /// tile shows the hand alone from below, without the table.
 ///
 /// All tiles with an object share one camera, so that the objects' sizes can be compared. The camera frames the palm,
@@ -33,8 +33,9 @@ const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 /// # Errors
 /// Those of [`GraspTask::new`] and [`GraspEnv::reset`].
 pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Picture, RenderError> {
-    let task = Arc::new(GraspTask::new(library, hand, &setting.with_open_start())?);
+    let task = Arc::new(GraspTask::new(library, hand, setting)?);
     let mut env = GraspEnv::new(&task)?;
+    env.set_closing(0.0);
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let mut points = Vec::new();
     for (index, scene) in task.scenes.iter().enumerate() {

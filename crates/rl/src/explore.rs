@@ -48,7 +48,7 @@ impl Exploration {
         Self(Kind::Warmup(HeldActions::always(config, act_dim)))
     }
 
-    /// Begins an episode that tries to grasp: the hand comes down open, closes as its dimensions'
+    /// Begins an episode that tries to grasp: the hand opens, comes down, closes as its dimensions'
     /// [coordination](ActionDimension::coordination) tells, and rises. It ignores the policy.
     pub fn attempt(config: &ExplorationConfig, rng: &mut impl Rng) -> Self {
         Self(Kind::Attempt(Attempt::new(&config.dimensions, rng)))

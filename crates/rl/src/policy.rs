@@ -63,12 +63,7 @@ impl Policy {
     /// Returns this policy, but told that only the first `k` of its numbers are used. A policy that was not trained with
     /// fewer numbers stays as it is.
     pub fn with_fewer_numbers(&self, k: usize) -> Policy {
-        let Parts { actor, told, observation, goal, map } = &*self.parts;
-        let share = Numbers::told(Some(k));
-        let mut actor = actor.clone();
-        let bias = actor.layers()[0].bias();
-        actor.parameters_mut()[bias].iter_mut().zip(told).for_each(|(b, weight)| *b += weight * share);
-        Policy::new(actor, Vec::new(), observation.clone(), goal.clone(), map.clone())
+        self.told(k, self.map().cloned())
     }
 
     /// Returns this policy as it acts in the turn of `numbers`: if they are fewer, it is told so and acts through their map.
@@ -80,9 +75,17 @@ impl Policy {
         let (found, expected) =
             ((numbers.map.n_outputs(), numbers.map.n_actions()), (self.n_outputs(), self.act_dim()));
         assert_eq!(found, expected, "outputs and actions of the map");
-        let told = self.with_fewer_numbers(k);
-        let Parts { actor, told, observation, goal, .. } = &*told.parts;
-        Policy::new(actor.clone(), told.clone(), observation.clone(), goal.clone(), Some(numbers.map.clone()))
+        self.told(k, Some(numbers.map.clone()))
+    }
+
+    /// Returns this policy, told that it has the first `k` numbers, with a map.
+    fn told(&self, k: usize, map: Option<ActionMap>) -> Policy {
+        let Parts { actor, told, observation, goal, .. } = &*self.parts;
+        let share = Numbers::told(Some(k));
+        let mut actor = actor.clone();
+        let bias = actor.layers()[0].bias();
+        actor.parameters_mut()[bias].iter_mut().zip(told).for_each(|(b, weight)| *b += weight * share);
+        Policy::new(actor, Vec::new(), observation.clone(), goal.clone(), map)
     }
 
     /// Allocates buffers for [`act`](Self::act). They fit every policy of the same learner.

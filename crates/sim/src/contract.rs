@@ -70,7 +70,7 @@ type Finding = Result<String, String>;
 pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractReport {
     let mut report =
         ContractReport { hand: hand.manifest.name.clone(), digest: hand.digest.clone(), checks: Vec::new() };
-    let task = match GraspTask::new(library, hand, &setting.with_open_start()) {
+    let task = match GraspTask::new(library, hand, setting) {
         Ok(task) => Arc::new(task),
         Err(error) => {
             report.add(COMPILES, Err(with_sources(&error)));
@@ -165,6 +165,7 @@ fn names_resolve(hand: &Hand, task: &GraspTask) -> Finding {
 
 fn open_posture_is_free(task: &Arc<GraspTask>) -> Finding {
     let mut env = GraspEnv::new(task).map_err(|error| with_sources(&error))?;
+    env.set_closing(0.0);
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     for (index, scene) in task.scenes.iter().enumerate() {
         for _ in 0..EPISODES_PER_OBJECT {

@@ -31,6 +31,8 @@ pub struct GraspEnv {
     changes: bool,
     current: usize,
     drawn: Drawn,
+    /// Factor on the share by which the hand starts closed.
+    closing: f64,
     step: usize,
     desired_goal: [f32; GraspTask::GOAL_LEN],
     facts: StepFacts,
@@ -74,6 +76,7 @@ impl GraspEnv {
             changes,
             current: 0,
             drawn: Drawn { scale: middle(task.config.object_scale), friction: middle(task.physics.friction) },
+            closing: 1.0,
             step: 0,
             desired_goal: [0.0; GraspTask::GOAL_LEN],
             facts: StepFacts::default(),
@@ -95,15 +98,21 @@ impl GraspEnv {
         &self.simulations
     }
 
+    /// Sets the factor on the share by which the hand starts closed, for the next episodes.
+    pub fn set_closing(&mut self, factor: f64) {
+        self.closing = factor;
+    }
+
     /// Starts an episode in scene `index` of [`GraspTask::scenes`].
     ///
     /// The object is dropped in a random pose, without the hand, and comes to rest on the plane. Then it is moved back
-    /// to the random place above which it was dropped, and the hand is set to the slide's start, closed by a random share. A
-    /// hand that would touch the object so is closed less.
+    /// to the random place above which it was dropped, and the hand is set to the slide's start, closed by a random
+    /// share. If it would touch the object, it is closed less.
     ///
     /// # Errors
-    /// [`SimError::Diverged`] when the simulation diverges while the object drops or the hand closes. [`SimError::MuJoCo`] when the model changes
-    /// while something else holds that of [`simulation`](Self::simulation).
+    /// [`SimError::Diverged`] when the simulation diverges while the object drops or the hand closes.
+    /// [`SimError::MuJoCo`] when the model changes while something else holds that of
+    /// [`simulation`](Self::simulation).
     pub fn reset<R: Rng + ?Sized>(&mut self, index: usize, rng: &mut R) -> Result<(), SimError> {
         let task = Arc::clone(&self.task);
         let scene = &task.scenes[index];
@@ -114,12 +123,12 @@ impl GraspEnv {
         let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
         let orientation = draw_orientation(task.config.orientation, rng);
         let lift = draw(task.config.goal_height, rng);
-        // They come last, so that poses and goals are the same with and without them.
+        let mut share = if task.closes() { self.closing * draw(task.config.closed_start, rng) } else { 0.0 };
+        // They come last, so that everything else is the same with and without them.
         if self.draws {
             let scale = draw(task.config.object_scale, rng);
             self.drawn = Drawn { scale, friction: draw(task.physics.friction, rng) };
         }
-        let mut share = if task.closes() { draw(task.config.closed_start, rng) } else { 0.0 };
         let relative = self.drawn.scale / middle(task.config.object_scale);
         self.change_models(scene, relative)?;
 
@@ -158,10 +167,12 @@ impl GraspEnv {
         let at = &task.scenes[*current].addresses;
         let data = &mut simulations[*current];
         let begin = |data: &mut Data, qpos: &[f64]| {
+            data.reset();
             data.qpos_mut().copy_from_slice(qpos);
             data.ctrl_mut().iter_mut().zip(task.controls_of_start(share)).for_each(|(ctrl, start)| *ctrl = start);
         };
         let mut qpos = at.start_qpos.clone();
+        qpos[at.object_qpos..at.object_qpos + 7].copy_from_slice(object);
         if share > 0.0 {
             begin(data, &qpos);
             data.qpos_mut()[at.object_qpos] += AWAY;
@@ -172,7 +183,6 @@ impl GraspEnv {
                 return Err(SimError::Diverged { step: 0 });
             }
             qpos.copy_from_slice(data.qpos());
-            data.reset();
         }
         qpos[at.object_qpos..at.object_qpos + 7].copy_from_slice(object);
         begin(data, &qpos);

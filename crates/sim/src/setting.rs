@@ -127,13 +127,3 @@ pub struct Setting {
     /// Settings of success.
     pub reward: RewardConfig,
 }
-
-impl Setting {
-    /// Returns this setting with episodes that start with the open hand.
-    #[must_use]
-    pub fn with_open_start(&self) -> Setting {
-        let mut setting = self.clone();
-        setting.task.closed_start = [0.0, 0.0];
-        setting
-    }
-}

@@ -277,12 +277,17 @@ impl GraspTask {
         self.start_ctrl.iter().zip(&self.closed_ctrl).map(move |(open, closed)| open + share * (closed - open))
     }
 
-    /// Returns the action of these controls; 0 for an actuator whose range is a single value.
+    /// Returns the action of these controls.
     pub fn start_action(&self) -> Vec<f32> {
+        self.action_of(&self.start_ctrl)
+    }
+
+    /// (controls) => the action that gives them; 0 for an actuator whose range is a single value
+    pub fn action_of(&self, controls: &[f64]) -> Vec<f32> {
         let action = |(&ctrl, &(low, high)): (&f64, &(f64, f64))| {
             if high > low { (2.0 * (ctrl - low) / (high - low) - 1.0) as f32 } else { 0.0 }
         };
-        self.start_ctrl.iter().zip(&self.control_ranges).map(action).collect()
+        controls.iter().zip(&self.control_ranges).map(action).collect()
     }
 
     /// Returns a simulation of the open hand in a scene, with the slide at its top and the object out of the way.

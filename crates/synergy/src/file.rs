@@ -235,7 +235,7 @@ impl SynergyFile {
 }
 
 const COMMANDS_HEADER: &str = "\
-# A control synergy: a few numbers z command all actuators u of a hand, from the open hand to the grasp.
+# A control synergy: a few numbers z command all actuators u of a hand, from opening to the grasp.
 #   decode   u = mean + z components, clamped to the actuators' ranges
 #   encode   z = (u - mean) components^T
 #   joints   q = mean + z matrix, clamped to the joints' limits: where the hand then is (section [joint_map])

@@ -1,7 +1,7 @@
 //! The control synergy: the space of the commands along whole grasps, and the map that confines a policy to it.
 //!
 //! A posture at the end of an episode does not tell how the hand opens and closes. So this space is fitted to the
-//! commands of the hand's actuators along successful episodes, from the open hand to the goal. During training the policy
+//! commands of the hand's actuators along successful episodes, from the start to the goal. During training the policy
 //! is confined to it step by step, so that at the end a few numbers command the hand.
 
 use eigenhand_rl::{Numbers, Policy};

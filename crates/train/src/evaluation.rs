@@ -27,7 +27,7 @@ pub enum EvaluationStream {
 }
 
 impl EvaluationStream {
-    fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             EvaluationStream::Periodic => "evaluate",
             EvaluationStream::Selection => "select",
@@ -161,6 +161,7 @@ pub(crate) fn evaluation_job(
         scene: Some((index % task.scenes.len() as u64) as usize),
         policy: policy.clone(),
         behaviour: Behaviour::Greedy,
+        closing: 1.0,
         fewer_numbers: false,
         confinement: None,
         disturbance: None,

@@ -145,8 +145,8 @@ fn mean_grasps(synergy: &Synergy, actuators: &HandActuators, k: usize, motions: 
     for motion in motions.chunk_by(|a, b| a.episode == b.episode) {
         of_object.entry(motion[0].object.as_str()).or_default().push(motion);
     }
-    // A policy may close while the hand comes down. So the first commands of a motion lead elsewhere than to the posture
-    // in which the hand then is, and that is the open one.
+    // A policy may close while the hand comes down. So its commands lead elsewhere than to the posture in which the hand
+    // then is.
     let opening = |step: &MotionRecord| MotionRecord {
         command: actuators.commands_that_hold(&step.posture, &step.command),
         ..step.clone()

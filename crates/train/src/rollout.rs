@@ -42,6 +42,8 @@ pub struct EpisodeJob {
     pub policy: Policy,
     /// How the actions are chosen.
     pub behaviour: Behaviour,
+    /// Factor on the share by which the hand starts closed.
+    pub closing: f64,
     /// Whether the policy has only the first of its numbers.
     pub fewer_numbers: bool,
     /// A further map from the policy's actions to those that are executed.
@@ -162,10 +164,11 @@ fn play(
     let task = Arc::clone(env.task());
     let EpisodeShape { n_steps, obs_dim, goal_dim, act_dim, fact_dim } = episode.data.shape;
     let data = &mut episode.data;
+    env.set_closing(job.closing);
     env.reset(scene, env_rng)?;
     let goal = env.desired_goal();
     data.desired_goal.copy_from_slice(&goal);
-    let mut disturbing = Disturbing::begin(job, &task);
+    let mut disturbing = Disturbing::begin(job, env);
     disturbing.observe(env, &mut data.observations[..obs_dim]);
     data.achieved_goals[..goal_dim].copy_from_slice(&env.achieved_goal());
     let mut succeeded_in_a_row = 0;

@@ -124,7 +124,9 @@ pub(crate) enum Disturbing {
 }
 
 impl Disturbing {
-    pub fn begin(job: &EpisodeJob, task: &GraspTask) -> Disturbing {
+    /// Begins an episode after the reset of its environment.
+    pub fn begin(job: &EpisodeJob, env: &GraspEnv) -> Disturbing {
+        let task = env.task();
         let stream = |name: &str| rng::stream(job.seed, &format!("{}/{name}", job.stream), job.index);
         match job.disturbance {
             None => Disturbing::Nothing,
@@ -138,7 +140,7 @@ impl Disturbing {
                 Disturbing::Noise { position, angle, random: Box::new(stream("noise")) }
             }
             Some(Disturbance::Latency { steps }) => {
-                Disturbing::Latency { waiting: vec![task.start_action(); steps].into() }
+                Disturbing::Latency { waiting: vec![task.action_of(env.simulation().ctrl()); steps].into() }
             }
         }
     }
@@ -324,9 +326,15 @@ mod tests {
     fn actions_are_executed_exactly_so_many_steps_late() {
         let task = task_with(Factors::NONE);
         let n = task.action_len();
+        // The same start as that of `episode`: a hand that is more or less closed.
+        let mut env = GraspEnv::new(&task).expect("memory");
+        let stream = format!("{}/env", EvaluationStream::Separate.name());
+        env.reset(0, &mut rng::stream(3, &stream, 0)).expect("at rest");
+        let start = task.action_of(env.simulation().ctrl());
+        assert_ne!(start, task.start_action());
         for steps in [0, 1, 3] {
             let late = episode(&task, Some(Disturbance::Latency { steps }));
-            let start = task.start_action().repeat(steps);
+            let start = start.repeat(steps);
             let sent = late.commands.iter().take((STEPS - steps) * n).map(|a| a.clamp(-1.0, 1.0));
             let expected: Vec<f32> = start.into_iter().chain(sent).collect();
             assert_eq!(late.data.actions, expected, "{steps} steps");

@@ -1,4 +1,4 @@
-//! An episode that tries to grasp: the hand comes down open, closes and rises.
+//! An episode that tries to grasp: the hand opens, comes down, closes and rises.
 
 use std::ops::RangeInclusive;
 
@@ -6,6 +6,8 @@ use rand::{Rng, RngExt};
 
 use super::config::{ActionDimension, Coordination, SPREAD};
 
+/// Steps of opening.
+const OPEN: RangeInclusive<u32> = 5..=15;
 /// Steps of coming down.
 const DOWN: RangeInclusive<u32> = 12..=25;
 /// Steps of closing.
@@ -21,6 +23,7 @@ const RAISED: RangeInclusive<f32> = -0.3..=0.7;
 #[derive(Clone, Debug)]
 pub(super) struct Attempt {
     step: u32,
+    opened: u32,
     closes: u32,
     closed: u32,
     dimensions: Vec<Course>,
@@ -29,6 +32,8 @@ pub(super) struct Attempt {
 /// The course of one dimension, from its first action to its last.
 #[derive(Clone, Copy, Debug)]
 struct Course {
+    /// Action while the hand opens.
+    start: f32,
     first: f32,
     last: f32,
     /// Whether it carries the hand. Then it jumps to its last action when the hand rises.
@@ -37,29 +42,31 @@ struct Course {
 
 impl Attempt {
     pub fn new(dimensions: &[ActionDimension], rng: &mut impl Rng) -> Self {
-        let closes = rng.random_range(DOWN);
+        let opened = rng.random_range(OPEN);
+        let closes = opened + rng.random_range(DOWN);
         let closed = closes + rng.random_range(CLOSE);
         let share = rng.random_range(SHARE);
         let raised = rng.random_range(RAISED);
         let course = |dimension: &ActionDimension| {
             let open = (dimension.start + SPREAD * rng.random_range(-1.0..=1.0)).clamp(-1.0, 1.0);
             match dimension.coordination {
-                Coordination::Free => Course { first: open, last: open, carries: false },
+                Coordination::Free => Course { start: open, first: open, last: open, carries: false },
                 Coordination::Together(sign) => {
-                    Course { first: open, last: open + share * (sign - open), carries: false }
+                    Course { start: open, first: open, last: open + share * (sign - open), carries: false }
                 }
-                Coordination::Ends => Course { first: -1.0, last: raised, carries: true },
+                Coordination::Ends => Course { start: dimension.start, first: -1.0, last: raised, carries: true },
             }
         };
-        Self { step: 0, closes, closed, dimensions: dimensions.iter().map(course).collect() }
+        Self { step: 0, opened, closes, closed, dimensions: dimensions.iter().map(course).collect() }
     }
 
     /// Writes the action of the next step.
     pub fn act(&mut self, action: &mut [f32]) {
         let share = (self.step.saturating_sub(self.closes) as f32 / (self.closed - self.closes) as f32).min(1.0);
         let rises = if self.step >= self.closed + HOLD { 1.0 } else { 0.0 };
-        for (action, Course { first, last, carries }) in action.iter_mut().zip(&self.dimensions) {
-            *action = first + if *carries { rises } else { share } * (last - first);
+        for (action, Course { start, first, last, carries }) in action.iter_mut().zip(&self.dimensions) {
+            let done = if *carries { rises } else { share };
+            *action = if self.step < self.opened { *start } else { first + done * (last - first) };
         }
         self.step += 1;
     }

@@ -43,7 +43,7 @@ pub struct ActionDimension {
     pub hold_scale: f32,
     /// Its part in a coordinated random action.
     pub coordination: Coordination,
-    /// Its action at the start of an episode.
+    /// Its action with the open hand at the start.
     pub start: f32,
 }
 
