@@ -95,7 +95,7 @@ print(json.dumps([[float(share.min()), float(share.max())], difference, shares, 
     let examples = workspace().join("examples/python");
     let output = Command::new(python()).args(["-c", script]).arg(examples).arg(&run.path).output().unwrap();
     let errors = String::from_utf8_lossy(&output.stderr);
-    let (share, difference, shares, raised, off): ([f64; 2], [f64; 2], Vec<f64>, Vec<f64>, Vec<f64>) =
+    let [share, difference, shares, raised, off]: [Vec<f64>; 5] =
         serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"));
     assert!((0.6..=0.9).contains(&share[0]) && (share[1] - share[0]).abs() < 1e-9, "{share:?}");
     assert!(difference[0] < 1e-4 && difference[1] < 1e-9, "{difference:?}");
