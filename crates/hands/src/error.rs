@@ -87,6 +87,16 @@ pub enum HandError {
         /// The missing file.
         got: PathBuf,
     },
+    /// A file was cloned without Git LFS, so it holds a pointer instead of its content.
+    #[error(
+        "{} is a pointer of Git LFS, not the file itself; fetch the files with `git lfs pull` in the checkout that it \
+         comes from",
+        path.display()
+    )]
+    LfsPointer {
+        /// The file.
+        path: PathBuf,
+    },
     /// A link names a mesh that was not found.
     #[error("{}: link `{link}`: mesh `{got}` was not found; {way_out}", file.display())]
     MissingMesh {

@@ -33,7 +33,7 @@ impl Imported {
 /// # Errors
 /// Names the file, the place in it and how to fix it: see [`HandError`].
 pub fn import(file: &Path, options: &ImportOptions, notes: &mut Vec<String>) -> Result<Imported, HandError> {
-    let bytes = std::fs::read(file).map_err(HandError::io(file))?;
+    let bytes = sources::read_file(file)?;
     let text = String::from_utf8_lossy(&bytes);
     let root = first_tag(&text).map(|(_, name)| name.to_owned());
     let mut imported = match root.as_deref() {
@@ -62,7 +62,7 @@ pub(crate) fn read_urdf(
     if !file.is_file() {
         return Err(HandError::MissingFile { file: manifest_path.to_path_buf(), key: "model".to_owned(), got: file });
     }
-    let bytes = std::fs::read(&file).map_err(HandError::io(&file))?;
+    let bytes = sources::read_file(&file)?;
     let packages = manifest.packages.iter().map(|(name, path)| (name.clone(), directory.join(path))).collect();
     let mut imported = urdf::convert(&file, &bytes, &ImportOptions { packages }, Some(directory), notes)?;
     servos::complete(&mut imported, &file, notes)?;

@@ -86,7 +86,16 @@ pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Ve
             got: path.to_path_buf(),
         });
     }
-    std::fs::read(path).map_err(HandError::io(path))
+    read_file(path)
+}
+
+/// First bytes of a pointer that Git LFS leaves in place of a file's content.
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
+/// Reads a file, unless it is a pointer of Git LFS.
+pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, HandError> {
+    let bytes = std::fs::read(path).map_err(HandError::io(path))?;
+    if bytes.starts_with(LFS_POINTER) { Err(HandError::LfsPointer { path: path.to_path_buf() }) } else { Ok(bytes) }
 }
 
 fn expand_includes(
@@ -201,10 +210,10 @@ impl<'a> Files<'a> {
 
     /// Reads a file that `referrer` names in `key`, if it lies in the hand's directory.
     fn add(&mut self, referrer: &Path, key: &str, path: &Path) -> Result<&[u8], HandError> {
-        let (canonical, relative) = self.locate(referrer, key, path)?;
+        let (_, relative) = self.locate(referrer, key, path)?;
         Ok(match self.contents.entry(relative) {
             Entry::Occupied(known) => known.into_mut(),
-            Entry::Vacant(new) => new.insert(std::fs::read(canonical).map_err(HandError::io(path))?),
+            Entry::Vacant(new) => new.insert(read_file(path)?),
         })
     }
 

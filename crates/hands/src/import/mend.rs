@@ -46,6 +46,7 @@ pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Resu
     physics::inertia_groups(&mut root, &defaults, file, notes)?;
     physics::contact_bits(&mut root, &defaults, file, notes)?;
     references::connections(&mut root, notes);
+    physics::force_limits(&mut root, &defaults, file, notes)?;
     physics::damping(&mut root, &defaults, file, notes)?;
     Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
 }

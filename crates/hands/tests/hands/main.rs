@@ -7,6 +7,7 @@ mod actuation;
 mod additions;
 mod broken;
 mod compiled;
+mod faults;
 mod fixture;
 mod import;
 mod model;

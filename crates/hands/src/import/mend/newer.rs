@@ -108,7 +108,12 @@ fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSe
 
 /// Returns true if a later step of [`super`] converts the attribute.
 fn is_converted(element: &Element, key: &str) -> bool {
-    matches!((element.name.as_str(), key), ("position", "kv" | "dampratio") | ("connect", "site1" | "site2"))
+    matches!(
+        (element.name.as_str(), key),
+        ("position", "kv" | "dampratio")
+            | ("connect", "site1" | "site2")
+            | ("joint", "actuatorfrcrange" | "actuatorfrclimited")
+    )
 }
 
 fn refuse(parent: &str, child: &Element, file: &Path) -> Result<(), HandError> {

@@ -8,7 +8,7 @@ use xmltree::Element;
 use crate::error::HandError;
 use crate::mjcf::{Attributes, Defaults, each_in_world};
 use crate::notes::note;
-use crate::xml::{attribute, elements, elements_mut, set};
+use crate::xml::{attribute, elements, elements_mut, numbers, set};
 
 /// Rotor inertia (kg m2) assumed for a joint when a damping ratio is converted to a damping.
 const NOMINAL_INERTIA: f64 = 1e-3;
@@ -120,7 +120,7 @@ pub(super) fn damping(
         }
     }
     let n_damped = added.len();
-    remove_everywhere(root, &["kv", "dampratio"]);
+    remove_everywhere(root, "position", &["kv", "dampratio"]);
     if n_damped > 0 {
         notes.push(format!(
             "kv or dampratio of {n_damped} servos, unknown to MuJoCo 2.2.2, became damping of joints and tendons"
@@ -130,17 +130,55 @@ pub(super) fn damping(
     Ok(())
 }
 
+/// Moves the limits of actuator forces on joints (`actuatorfrcrange`) to the actuators that act on them.
+pub(super) fn force_limits(
+    root: &mut Element,
+    defaults: &Defaults,
+    file: &Path,
+    notes: &mut Vec<String>,
+) -> Result<(), HandError> {
+    let mut limits: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+    each_in_world(root, &mut |element, class| {
+        if element.name == "joint" {
+            let resolved = defaults.resolve(element, class, file)?;
+            let limit = resolved.limits("actuatorfrcrange", "actuatorfrclimited")?;
+            if let (Some(name), Some((low, high))) = (attribute(element, "name"), limit) {
+                limits.insert(name.to_owned(), [low, high]);
+            }
+        }
+        Ok::<(), HandError>(())
+    })?;
+    let mut moved = Vec::new();
+    for section in elements_mut(root).filter(|e| e.name == "actuator") {
+        for actuator in elements_mut(section) {
+            let resolved = defaults.resolve(actuator, None, file)?;
+            let joint = resolved.text("joint").or(resolved.text("jointinparent"));
+            let gear = resolved.number("gear")?.unwrap_or(1.0).abs();
+            let Some([low, high]) = joint.and_then(|name| limits.get(name)).filter(|_| gear > 0.0) else { continue };
+            let (own_low, own_high) =
+                resolved.limits("forcerange", "forcelimited")?.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
+            let range = [own_low.max(low / gear), own_high.min(high / gear)];
+            moved.push(resolved.place().to_owned());
+            set(actuator, "forcelimited", "true");
+            set(actuator, "forcerange", numbers(&range));
+        }
+    }
+    remove_everywhere(root, "joint", &["actuatorfrcrange", "actuatorfrclimited"]);
+    note(notes, "the joints' actuatorfrcrange, unknown to MuJoCo 2.2.2, became the force range of", &moved);
+    Ok(())
+}
+
 fn add_damping(element: &mut Element, resolved: &Attributes, value: f64) -> Result<(), HandError> {
     let own = resolved.number("damping")?.unwrap_or(0.0);
     set(element, "damping", (own + value).to_string());
     Ok(())
 }
 
-fn remove_everywhere(element: &mut Element, keys: &[&str]) {
-    if element.name == "position" {
+fn remove_everywhere(element: &mut Element, name: &str, keys: &[&str]) {
+    if element.name == name {
         keys.iter().for_each(|key| {
             element.attributes.shift_remove(*key);
         });
     }
-    elements_mut(element).for_each(|child| remove_everywhere(child, keys));
+    elements_mut(element).for_each(|child| remove_everywhere(child, name, keys));
 }

@@ -10,6 +10,7 @@ use crate::import::imported::{Assets, ImportOptions};
 use crate::import::mesh::Mesh;
 use crate::manifest::MANIFEST_FILE;
 use crate::notes::note;
+use crate::sources;
 
 /// Half of the thickness of the box that replaces a flat mesh (m).
 const MIN_HALF: f64 = 0.0005;
@@ -171,7 +172,7 @@ impl<'a> Meshes<'a> {
 }
 
 fn read(path: &Path, link: &str) -> Result<Mesh, HandError> {
-    let bytes = std::fs::read(path).map_err(HandError::io(path))?;
+    let bytes = sources::read_file(path)?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
     Mesh::read(&bytes, extension).map_err(|got| {
         HandError::model(
