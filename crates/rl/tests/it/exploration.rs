@@ -168,7 +168,7 @@ fn coordinated_actions_close_together_and_go_to_ends() {
 }
 
 #[test]
-fn an_attempt_comes_down_closes_and_rises() {
+fn an_attempt_opens_comes_down_closes_and_rises() {
     use Coordination::{Ends, Free, Together};
     let start = [-0.6, 0.5, 0.1, 0.3];
     let mut dimensions = coordinated(&[Together(1.0), Together(-1.0), Ends, Free]);
@@ -186,15 +186,18 @@ fn an_attempt_comes_down_closes_and_rises() {
                 action
             })
             .collect();
-        let rises = actions.iter().position(|a| a[2] != -1.0).unwrap();
-        assert!((12 + 5 + 5..=25 + 20 + 5).contains(&rises), "{rises}");
+        let comes = actions.iter().position(|a| a[2] == -1.0).unwrap();
+        assert!((5..=15).contains(&comes) && actions[..comes].iter().all(|a| a[2] == 0.1), "it opens at its start");
+        let rises = comes + actions[comes..].iter().position(|a| a[2] != -1.0).unwrap();
+        assert!((12 + 5 + 5..=25 + 20 + 5).contains(&(rises - comes)), "{rises}");
         let last = &actions[99];
         assert!(actions[rises..].iter().all(|a| a == last) && (-0.3..=0.7).contains(&last[2]), "it stays up");
         assert_eq!(actions[rises - 5][..2], last[..2], "it is closed before it rises");
         for (d, start) in start.iter().enumerate().filter(|(d, _)| *d != 2) {
             assert!((actions[0][d] - start).abs() <= 0.15 + 1e-6, "it begins open");
         }
-        assert!(actions[..12].iter().all(|a| *a == actions[0]), "and comes down so");
+        let fingers = |a: &[f32]| [a[0], a[1], a[3]];
+        assert!(actions[..comes + 12].iter().all(|a| fingers(a) == fingers(&actions[0])), "and comes down so");
         assert!(actions.windows(2).all(|a| a[0][0] <= a[1][0] && a[0][1] >= a[1][1] && a[0][3] == a[1][3]));
         closed_by.push((last[0] - actions[0][0]) / (1.0 - actions[0][0]));
     }
