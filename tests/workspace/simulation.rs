@@ -255,7 +255,7 @@ fn every_hand_is_free_of_contact_at_the_start_with_self_collision() {
         let task = task(&layers.resolve().unwrap(), &hand);
         let mut env = GraspEnv::new(&task).unwrap();
         // The fingers of a closed hand may touch.
-        env.set_closing(0.0);
+        env.start_open();
         env.reset(0, &mut rng::stream(1, "simulation", 0)).unwrap();
         assert_eq!(env.self_penetration(), 0.0, "{}", hand.manifest.name);
         let (_, warnings) = random_episode(&mut env, 5, 0, 50);

@@ -246,7 +246,6 @@ pub fn job(policy: &Policy, behaviour: &Behaviour, index: u64) -> EpisodeJob {
         scene: None,
         policy: policy.clone(),
         behaviour: behaviour.clone(),
-        closing: 1.0,
         fewer_numbers: false,
         confinement: None,
         disturbance: None,

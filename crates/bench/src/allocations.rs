@@ -126,7 +126,6 @@ fn of_episodes(
         scene: Some(0),
         policy: learner.policy(ActorChoice::Online),
         behaviour: Behaviour::Explore(noisy.into()),
-        closing: 1.0,
         fewer_numbers: false,
         confinement: None,
         disturbance: None,

@@ -98,7 +98,7 @@ impl<'a> Script<'a> {
                 .map(|(places, lifted)| {
                     scope.spawn(move || {
                         let mut env = GraspEnv::new(self.task)?;
-                        env.set_closing(0.0);
+                        env.start_open();
                         for (place, lifted) in places.iter().zip(lifted) {
                             let place = place.map(|i| f64::from(i) * step);
                             for scene in 0..self.task.scenes.len() {

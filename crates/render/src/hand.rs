@@ -35,7 +35,7 @@ const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Picture, RenderError> {
     let task = Arc::new(GraspTask::new(library, hand, setting)?);
     let mut env = GraspEnv::new(&task)?;
-    env.set_closing(0.0);
+    env.start_open();
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let mut points = Vec::new();
     for (index, scene) in task.scenes.iter().enumerate() {

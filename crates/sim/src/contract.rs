@@ -165,7 +165,7 @@ fn names_resolve(hand: &Hand, task: &GraspTask) -> Finding {
 
 fn open_posture_is_free(task: &Arc<GraspTask>) -> Finding {
     let mut env = GraspEnv::new(task).map_err(|error| with_sources(&error))?;
-    env.set_closing(0.0);
+    env.start_open();
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     for (index, scene) in task.scenes.iter().enumerate() {
         for _ in 0..EPISODES_PER_OBJECT {

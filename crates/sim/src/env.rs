@@ -31,8 +31,8 @@ pub struct GraspEnv {
     changes: bool,
     current: usize,
     drawn: Drawn,
-    /// Factor on the share by which the hand starts closed.
-    closing: f64,
+    /// Whether the hand starts open in spite of `task.closed_start`.
+    starts_open: bool,
     step: usize,
     desired_goal: [f32; GraspTask::GOAL_LEN],
     facts: StepFacts,
@@ -76,7 +76,7 @@ impl GraspEnv {
             changes,
             current: 0,
             drawn: Drawn { scale: middle(task.config.object_scale), friction: middle(task.physics.friction) },
-            closing: 1.0,
+            starts_open: false,
             step: 0,
             desired_goal: [0.0; GraspTask::GOAL_LEN],
             facts: StepFacts::default(),
@@ -98,9 +98,9 @@ impl GraspEnv {
         &self.simulations
     }
 
-    /// Sets the factor on the share by which the hand starts closed, for the next episodes.
-    pub fn set_closing(&mut self, factor: f64) {
-        self.closing = factor;
+    /// Lets the next episodes start with the open hand, in spite of `task.closed_start`.
+    pub fn start_open(&mut self) {
+        self.starts_open = true;
     }
 
     /// Starts an episode in scene `index` of [`GraspTask::scenes`].
@@ -123,7 +123,8 @@ impl GraspEnv {
         let place = [0.0; 2].map(|_| if range > 0.0 { rng.random_range(-range..=range) } else { 0.0 });
         let orientation = draw_orientation(task.config.orientation, rng);
         let lift = draw(task.config.goal_height, rng);
-        let mut share = if task.closes() { self.closing * draw(task.config.closed_start, rng) } else { 0.0 };
+        let closed = task.closes() && !self.starts_open;
+        let mut share = if closed { draw(task.config.closed_start, rng) } else { 0.0 };
         // They come last, so that everything else is the same with and without them.
         if self.draws {
             let scale = draw(task.config.object_scale, rng);

@@ -161,7 +161,6 @@ pub(crate) fn evaluation_job(
         scene: Some((index % task.scenes.len() as u64) as usize),
         policy: policy.clone(),
         behaviour: Behaviour::Greedy,
-        closing: 1.0,
         fewer_numbers: false,
         confinement: None,
         disturbance: None,

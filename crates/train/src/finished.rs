@@ -172,7 +172,6 @@ impl FinishedRun {
                 scene: Some(scene),
                 policy: self.policy.clone(),
                 behaviour: Behaviour::Greedy,
-                closing: 1.0,
                 fewer_numbers: false,
                 confinement: None,
                 disturbance: None,

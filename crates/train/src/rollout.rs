@@ -42,8 +42,6 @@ pub struct EpisodeJob {
     pub policy: Policy,
     /// How the actions are chosen.
     pub behaviour: Behaviour,
-    /// Factor on the share by which the hand starts closed.
-    pub closing: f64,
     /// Whether the policy has only the first of its numbers.
     pub fewer_numbers: bool,
     /// A further map from the policy's actions to those that are executed.
@@ -164,7 +162,6 @@ fn play(
     let task = Arc::clone(env.task());
     let EpisodeShape { n_steps, obs_dim, goal_dim, act_dim, fact_dim } = episode.data.shape;
     let data = &mut episode.data;
-    env.set_closing(job.closing);
     env.reset(scene, env_rng)?;
     let goal = env.desired_goal();
     data.desired_goal.copy_from_slice(&goal);

@@ -28,11 +28,6 @@ impl TrainingConfig {
         fall(done, [self.decay_start, 1.0], self.final_learning_rate)
     }
 
-    /// (share of training that is done) => the factor on the share by which the hand starts closed
-    pub fn closing_factor(&self, done: f64) -> f64 {
-        1.0 - fall(done, self.closing_ramp, 0.0)
-    }
-
     /// (share of training that is done) => the factor on the exploration noise
     pub fn noise_factor(&self, done: f64) -> f64 {
         fall(done, self.noise_decay, self.final_noise)

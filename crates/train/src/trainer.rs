@@ -202,7 +202,6 @@ impl Trainer {
                 Behaviour::Explore(exploration)
             }
         };
-        let total = config.episodes as f64;
         let jobs = (first..last).map(|index| {
             let behaviour = behaviour(index);
             // Scripted grasps and random actions have all numbers.
@@ -217,7 +216,6 @@ impl Trainer {
                 scene: None,
                 policy,
                 behaviour,
-                closing: training.closing_factor(index as f64 / total),
                 fewer_numbers,
                 confinement: None,
                 disturbance: None,

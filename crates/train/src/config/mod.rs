@@ -139,9 +139,6 @@ pub struct TrainingConfig {
     pub slide_hold: f32,
     /// Share of training after which learning rates fall linearly to `final_learning_rate`; 1 means never.
     pub decay_start: f64,
-    /// Shares of training between which the share by which the hand starts closed grows from 0 to all of
-    /// `task.closed_start`.
-    pub closing_ramp: [f64; 2],
     /// Factor on both learning rates at the end of training.
     pub final_learning_rate: f64,
     /// Shares of training between which the exploration noise falls linearly to `final_noise`.
