@@ -1,6 +1,6 @@
 //! Masses, contact bits and damping.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use xmltree::Element;
@@ -148,16 +148,18 @@ pub(super) fn force_limits(
         }
         Ok::<(), HandError>(())
     })?;
-    let mut moved = Vec::new();
+    let (mut moved, mut taken) = (Vec::new(), BTreeSet::new());
     for section in elements_mut(root).filter(|e| e.name == "actuator") {
         for actuator in elements_mut(section) {
             let resolved = defaults.resolve(actuator, None, file)?;
             let joint = resolved.text("joint").or(resolved.text("jointinparent"));
             let gear = resolved.number("gear")?.unwrap_or(1.0).abs();
-            let Some([low, high]) = joint.and_then(|name| limits.get(name)).filter(|_| gear > 0.0) else { continue };
+            let limit = joint.and_then(|name| limits.get_key_value(name)).filter(|_| gear > 0.0);
+            let Some((name, [low, high])) = limit else { continue };
             let (own_low, own_high) =
                 resolved.limits("forcerange", "forcelimited")?.unwrap_or((f64::NEG_INFINITY, f64::INFINITY));
             let range = [own_low.max(low / gear), own_high.min(high / gear)];
+            taken.insert(name);
             moved.push(resolved.place().to_owned());
             set(actuator, "forcelimited", "true");
             set(actuator, "forcerange", numbers(&range));
@@ -165,6 +167,8 @@ pub(super) fn force_limits(
     }
     remove_everywhere(root, "joint", &["actuatorfrcrange", "actuatorfrclimited"]);
     note(notes, "the joints' actuatorfrcrange, unknown to MuJoCo 2.2.2, became the force range of", &moved);
+    let lost: Vec<&String> = limits.keys().filter(|name| !taken.contains(name)).collect();
+    note(notes, "actuatorfrcrange removed from joints that no actuator drives directly", &lost);
     Ok(())
 }
 
