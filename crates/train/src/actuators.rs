@@ -192,11 +192,12 @@ struct Number<'a> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    /// Three actuators with ranges of their own; the slide has the second action.
-    fn actuators() -> HandActuators {
+    /// Three actuators with ranges of their own; the slide has the second action. The hand has the second joint of two, and
+    /// is open at 0.5.
+    pub(crate) fn actuators() -> HandActuators {
         let coordinate = |(name, lower, upper): (&str, f64, f64)| JointInfo {
             name: name.to_owned(),
             unit: Unit::Radian,

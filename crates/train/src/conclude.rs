@@ -8,12 +8,13 @@ use eigenhand_synergy::{Content, MotionRecord, Synergy};
 
 use crate::assignment::Assignment;
 use crate::control::control_space;
+use crate::control_product::ControlProduct;
 use crate::drive::{Driver, MOST_COMPONENTS, fewest_components};
 use crate::error::TrainError;
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate, simulate};
 use crate::metrics::TRUSTED;
 use crate::motion::motions;
-use crate::products::{ControlProduct, Products, write_products};
+use crate::products::{Products, write_products};
 use crate::progress::Progress;
 use crate::rollout::WorkerPool;
 use crate::stress::Stress;

@@ -13,6 +13,7 @@ mod checkpoint;
 mod conclude;
 pub mod config;
 mod control;
+mod control_product;
 mod counters;
 mod drive;
 mod error;

@@ -40,3 +40,17 @@ fn the_torque_limit_of_a_joint_becomes_that_of_its_servo() {
     }
     assert!(notes.iter().any(|note| note.contains("actuatorfrcrange") && note.contains("force range")), "{notes:?}");
 }
+
+#[test]
+fn a_torque_limit_that_no_servo_takes_is_noted() {
+    let text = std::fs::read_to_string(fault("torque-limit-on-joint").join("hand.xml")).unwrap();
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("hand.xml");
+    std::fs::write(&file, text.replace(r#"<position name="b2" joint="b2"/>"#, "")).unwrap();
+    let mut notes = Vec::new();
+    import(&file, &ImportOptions::default(), &mut notes).unwrap();
+    assert!(
+        notes.contains(&"actuatorfrcrange removed from joints that no actuator drives directly: b2".to_owned()),
+        "{notes:?}"
+    );
+}
