@@ -34,6 +34,13 @@ impl TrainingConfig {
     }
 }
 
+/// (episode, whether every other one is a scripted grasp, number of turns) => the episode's turn
+///
+/// All turns come round among the episodes that are no scripted grasps.
+pub(crate) fn turn(episode: u64, has_attempts: bool, turns: usize) -> usize {
+    (if has_attempts { episode / 2 } else { episode }) as usize % turns
+}
+
 /// Falls linearly from 1 to `last` between two shares of training.
 fn fall(done: f64, [from, to]: [f64; 2], last: f64) -> f64 {
     if done >= to { last } else { 1.0 - (1.0 - last) * ((done - from) / (to - from)).max(0.0) }
@@ -55,6 +62,18 @@ mod tests {
         assert!((10..20).all(|episode| !training.attempts(episode, 5.0)));
         assert_eq!((10..20).filter(|&episode| training.attempts(episode, 4.0)).count(), 5);
         assert_eq!(self::training(Preset::Paper).least_held_steps, 0.0);
+    }
+
+    #[test]
+    fn every_turn_comes_round_beside_scripted_grasps_too() {
+        let training = TrainingConfig { warmup_episodes: 0, least_held_steps: 5.0, ..training(Preset::Default) };
+        for held_steps in [0.0, 9.0] {
+            let acting = (0..16).filter(|&episode| !training.attempts(episode, held_steps));
+            let mut turns: Vec<usize> = acting.map(|e| turn(e, training.has_attempts(held_steps), 8)).collect();
+            turns.sort_unstable();
+            turns.dedup();
+            assert_eq!(turns, (0..8).collect::<Vec<_>>(), "{held_steps} steps held");
+        }
     }
 
     #[test]

@@ -31,6 +31,7 @@ use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
+use crate::schedule::turn;
 use crate::threads::learning_threads;
 
 /// A training run.
@@ -196,7 +197,7 @@ impl Trainer {
             let exploration = Arc::clone(&exploration);
             if index < training.warmup_episodes {
                 Behaviour::Warmup(exploration)
-            } else if attempts && training.attempts(index, held_steps) {
+            } else if closes && training.attempts(index, held_steps) {
                 Behaviour::Attempt(exploration)
             } else {
                 Behaviour::Explore(exploration)
@@ -206,9 +207,7 @@ impl Trainer {
             let behaviour = behaviour(index);
             // Scripted grasps and random actions have all numbers.
             let acts = matches!(behaviour, Behaviour::Explore(_));
-            // Half of the episodes are attempts, and the other half take the turns.
-            let number = if attempts { index / 2 } else { index };
-            let (policy, fewer_numbers) = turns[if acts { number as usize % turns.len() } else { 0 }].clone();
+            let (policy, fewer_numbers) = turns[if acts { turn(index, attempts, turns.len()) } else { 0 }].clone();
             EpisodeJob {
                 seed: config.seed,
                 stream: "train",
