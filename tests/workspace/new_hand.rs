@@ -34,7 +34,8 @@ fn made_in(grasps: &Setting, source: &Path, change: impl Fn(&mut NewHand)) -> (N
     let place = TempDir::new().unwrap();
     let mut request = request(source, place.path().join("found"));
     change(&mut request);
-    let report = new_hand(&request, &mujoco(), grasps, &mut Vec::new()).unwrap_or_else(|error| panic!("{error}"));
+    let report =
+        new_hand(&request, &mujoco(), grasps, &mut Vec::new(), &|_| {}).unwrap_or_else(|error| panic!("{error}"));
     let hand = Hand::load(&report.directory).unwrap_or_else(|error| panic!("{error}"));
     let contract = check_hand(&hand, &mujoco(), &setting(), None).unwrap().report;
     assert!(contract.passed(), "{}: {contract:#?}", source.display());
@@ -61,7 +62,7 @@ fn a_gripper_is_made_out() {
     // The caller's hint is used, even a wrong one.
     let mut turned = request(&source, place.path().join("turned"));
     turned.hints.approach = Some([0.0, 0.0, 1.0]);
-    let report = new_hand(&turned, &mujoco(), &setting(), &mut Vec::new()).unwrap();
+    let report = new_hand(&turned, &mujoco(), &setting(), &mut Vec::new(), &|_| {}).unwrap();
     let down = Hand::load(&report.directory).unwrap().manifest.mount.pose().rotation * nalgebra::Vector3::z();
     assert!(down.z < -0.999, "{down}");
 }
@@ -75,13 +76,13 @@ fn scripted_grasps_find_the_place() {
     let mut layers = Layers::new(Preset::Default).unwrap();
     layers.add_assignment(r#"objects=["sphere", "cube"]"#).unwrap();
     let task = task(&layers.resolve().unwrap(), &hand);
-    let place = best_place(&task, &hand.manifest.closing, hand.manifest.objects.scale).unwrap();
+    let place = best_place(&task, &hand.manifest.closing, hand.manifest.objects.scale, 2, &|_, _| {}).unwrap();
     assert!((place.shift[0] + BESIDE).abs() < 0.021, "{place:?}");
     assert!(place.shift[1].abs() < 0.021, "{place:?}");
-    assert_eq!(place.lifted, place.tried, "{place:?}");
+    assert_eq!(place.grasps.reached, place.grasps.tried, "{place:?}");
     // A hand without closing actuators lifts nothing and stays in its place.
-    let idle = best_place(&task, &Default::default(), hand.manifest.objects.scale).unwrap();
-    assert_eq!((idle.shift, idle.lifted), ([0.0; 2], 0), "{idle:?}");
+    let idle = best_place(&task, &Default::default(), hand.manifest.objects.scale, 2, &|_, _| {}).unwrap();
+    assert_eq!((idle.shift, idle.grasps.lifted), ([0.0; 2], 0), "{idle:?}");
 }
 
 /// The model file of a hand of the workspace, without its manifest.
@@ -189,8 +190,9 @@ fn what_cannot_be_a_hand_is_refused() {
         let text = GRIPPER_MODEL.replace(from, to);
         assert_ne!(text, GRIPPER_MODEL);
         let source = file(&place, &text);
-        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &setting(), &mut Vec::new())
-            .unwrap_err();
+        let error =
+            new_hand(&request(&source, place.path().join("found")), &mujoco(), &setting(), &mut Vec::new(), &|_| {})
+                .unwrap_err();
         assert!(error.to_string().contains(said), "{error}");
     }
 }
@@ -208,8 +210,9 @@ fn what_no_survey_can_find_is_said() {
         .replace("</equality>", "<joint joint1=\"left_joint\" joint2=\"right_joint\"/></equality>");
     for (text, said) in [(stone, "name the palm with --palm"), (&circle, "no actuator moves the hand")] {
         let source = file(&place, text);
-        let error = new_hand(&request(&source, place.path().join("found")), &mujoco(), &setting(), &mut Vec::new())
-            .unwrap_err();
+        let error =
+            new_hand(&request(&source, place.path().join("found")), &mujoco(), &setting(), &mut Vec::new(), &|_| {})
+                .unwrap_err();
         assert!(error.to_string().contains(said), "{error}");
     }
 }
@@ -221,19 +224,23 @@ fn nothing_is_left_behind_by_a_hand_that_fails() {
         file(&place, "<mujoco><worldbody><body name=\"stone\"><geom size=\"0.1\"/></body></worldbody></mujoco>");
     let library = mujoco();
     let mut notes = Vec::new();
-    new_hand(&request(&source, place.path().join("found")), &library, &setting(), &mut notes).unwrap_err();
+    new_hand(&request(&source, place.path().join("found")), &library, &setting(), &mut notes, &|_| {}).unwrap_err();
     let left: Vec<_> = std::fs::read_dir(place.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["hand.xml"]);
 
     let source = file(&place, GRIPPER_MODEL);
-    let occupied = new_hand(&request(&source, place.path().to_owned()), &library, &setting(), &mut notes).unwrap_err();
+    let occupied =
+        new_hand(&request(&source, place.path().to_owned()), &library, &setting(), &mut notes, &|_| {}).unwrap_err();
     assert!(matches!(occupied, OnboardError::HandExists { .. }), "{occupied}");
     let mut named = request(&source, place.path().join("found"));
     named.name = "Not A Name".to_owned();
-    assert!(matches!(new_hand(&named, &library, &setting(), &mut notes).unwrap_err(), OnboardError::HandName { .. }));
+    assert!(matches!(
+        new_hand(&named, &library, &setting(), &mut notes, &|_| {}).unwrap_err(),
+        OnboardError::HandName { .. }
+    ));
     let mut lost = request(&source, place.path().join("found"));
     lost.hints.palm = Some("bridg".to_owned());
-    let message = new_hand(&lost, &library, &setting(), &mut notes).unwrap_err().to_string();
+    let message = new_hand(&lost, &library, &setting(), &mut notes, &|_| {}).unwrap_err().to_string();
     assert!(message.contains("\"bridg\"; choose from the bodies that carry moving parts: bridge"), "{message}");
 }
 

@@ -1,12 +1,15 @@
 //! `eigenhand hands`
 
 use std::fmt::Write;
+use std::io::{IsTerminal, Write as _};
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
 
 use clap::Subcommand;
 use eigenhand_hands::{HandSummary, ImportOptions, Registry, RegistryEntry, Transmission};
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_onboard::{Hints, NewHand, check_hand, default_picture, describe_new_hand, new_hand};
+use eigenhand_onboard::{Hints, NewHand, Step, check_hand, default_picture, describe_new_hand, new_hand};
 use eigenhand_sim::contract::ContractReport;
 use eigenhand_train::config::RunConfig;
 use eigenhand_train::hand_named;
@@ -89,11 +92,11 @@ struct NewArgs {
     /// Directory of a ROS package that the model file refers to; can be given several times
     #[arg(long = "package", value_name = "NAME=DIR", value_parser = package)]
     packages: Vec<(String, PathBuf)>,
-    /// Body or link of the palm [default: the body that carries all fingers]
+    /// Body or link of the palm [default: the body that carries all fingers; needed if the file holds several hands]
     #[arg(long, value_name = "LINK")]
     palm: Option<String>,
-    /// Direction, in the palm's frame, in which the hand approaches an object: +x, -y, ... or x,y,z [default: the
-    /// direction in which its fingers reach]
+    /// Direction, in the palm's frame, in which the hand approaches an object: +x, -y, ... or x,y,z [default: the best of
+    /// several, by scripted grasps]
     #[arg(long, value_name = "AXIS", value_parser = axis, allow_hyphen_values = true)]
     approach: Option<[f64; 3]>,
     /// Prints one JSON document on standard output
@@ -226,6 +229,9 @@ fn describe_hand(hand: &HandSummary) -> String {
         hand.directory.display(),
         hand.digest
     );
+    if let Some(grasps) = hand.scripted_grasps {
+        text.push_str(&format!("{}\n", grasps.verdict()));
+    }
     let mut section = |title: &str, rows: Vec<Vec<String>>| {
         if !rows.is_empty() {
             text.push_str(&format!("\n{title}\n"));
@@ -303,25 +309,69 @@ fn new(args: &NewArgs) -> anyhow::Result<Outcome> {
     };
     let library = setup::with_mujoco(&args.install, MuJoCo::load)?;
     let mut notes = Vec::new();
-    let report = match new_hand(&request, &library, &RunConfig::default_preset()?.setting(), &mut notes) {
+    let setting = RunConfig::default_preset()?.setting();
+    let progress = StepLines::new();
+    let made = new_hand(&request, &library, &setting, &mut notes, &|step| progress.show(step));
+    progress.end();
+    let report = match made {
         Ok(report) => report,
         Err(error) => {
             notes.iter().for_each(|note| eprintln!("note: {note}"));
             return Err(error.into());
         }
     };
+    let outcome = if report.is_usable() { Outcome::Done } else { Outcome::Failed };
     if args.json {
         print_json(&report)?;
-        return Ok(Outcome::Done);
+        return Ok(outcome);
     }
     let directory = report.directory.display();
-    print(&format!(
-        "{}\nwritten: {directory}\nnext:    {}\n         {}\n",
-        describe_new_hand(&report),
-        program::line(&format!("hands check {directory}")),
-        program::line(&format!("train --hand {directory}"))
-    ))?;
-    Ok(Outcome::Done)
+    let check = program::line(&format!("hands check {directory}"));
+    let next = if report.is_usable() {
+        format!("next:    {check}\n         {}\n", program::line(&format!("train --hand {directory}")))
+    } else {
+        let reason = report.likeliest_reason().or_else(|| report.broken.first().cloned()).unwrap_or_default();
+        format!("likeliest reason: {reason}\nnext:    {check}\n")
+    };
+    print(&format!("{}\nwritten: {directory}\n{}\n{next}", describe_new_hand(&report), report.verdict()))?;
+    Ok(outcome)
+}
+
+/// The steps of `hands new` on standard error: one line that changes on a terminal, and otherwise a line now and then.
+struct StepLines {
+    terminal: bool,
+    last: Mutex<Option<(Step, Instant)>>,
+}
+
+impl StepLines {
+    fn new() -> StepLines {
+        StepLines { terminal: std::io::stderr().is_terminal(), last: Mutex::new(None) }
+    }
+
+    fn show(&self, step: Step) {
+        const EVERY: Duration = Duration::from_secs(5);
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let another = |(before, at): (Step, Instant)| {
+            std::mem::discriminant(&before) != std::mem::discriminant(&step)
+                || matches!(step, Step::Approach(..))
+                || at.elapsed() >= EVERY
+        };
+        // Nobody is harmed by a step that cannot be shown.
+        if self.terminal {
+            let _ = write!(std::io::stderr(), "\r\x1b[K{step}");
+        } else if last.is_none_or(another) {
+            let _ = writeln!(std::io::stderr(), "{step}");
+        } else {
+            return;
+        }
+        *last = Some((step, Instant::now()));
+    }
+
+    fn end(&self) {
+        if self.terminal {
+            let _ = write!(std::io::stderr(), "\r\x1b[K");
+        }
+    }
 }
 
 /// Describes the results of the contract, one line for each check.

@@ -282,6 +282,9 @@ fn heading(plan: &Plan) -> String {
     line("run", plan.run.display().to_string());
     let (joints, actuators) = (plan.n_joints, plan.n_actuators);
     line("hand", format!("{}: {joints} joints, {actuators} actuators, {} fingers", plan.hand, plan.n_fingers));
+    if let Some(grasps) = plan.scripted_grasps.filter(|grasps| !grasps.can_grasp()) {
+        line("warning", grasps.verdict());
+    }
     line("objects", plan.objects.join(", "));
     let resumed = match plan.episodes_done {
         0 => String::new(),

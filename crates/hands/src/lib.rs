@@ -32,8 +32,8 @@ pub use error::HandError;
 pub use hand::Hand;
 pub use import::{ImportOptions, Imported, import};
 pub use manifest::{
-    AddedActuator, AddedCoupling, ContactBits, HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA, Slide,
-    is_hand_name,
+    AddedActuator, AddedCoupling, ContactBits, HandManifest, MANIFEST_FILE, ModelFormat, Mount, Objects, SCHEMA,
+    ScriptedGrasps, Slide, is_hand_name,
 };
 pub use mjcf::{AngleUnit, Compiler};
 pub use parts::{Fingertip, FrameKind, HandActuator, HandCoupling, HandJoint, Servo, Transmission};

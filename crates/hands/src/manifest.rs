@@ -72,6 +72,9 @@ pub struct HandManifest {
     /// Contact bits of the hand's geoms; absent: as the model has them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub contact: Option<ContactBits>,
+    /// What became of scripted grasps when the file was made; absent: unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scripted_grasps: Option<ScriptedGrasps>,
     /// Keys written in the file; all others have their defaults.
     #[serde(skip)]
     pub written: BTreeSet<String>,
@@ -173,6 +176,38 @@ pub struct Objects {
 impl Default for Objects {
     fn default() -> Self {
         Self { scale: 1.0 }
+    }
+}
+
+/// Scripted grasps of every object, with the hand as the manifest describes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScriptedGrasps {
+    /// Number of grasps.
+    pub tried: u32,
+    /// Grasps that lifted the object.
+    pub lifted: u32,
+    /// Grasps that brought the object to its goal.
+    pub reached: u32,
+}
+
+impl ScriptedGrasps {
+    /// A hand can grasp if it lifts at least this many of [`OF`](Self::OF) objects.
+    pub const LEAST: u32 = 4;
+    /// See [`LEAST`](Self::LEAST).
+    pub const OF: u32 = 14;
+
+    /// Tells whether the hand can grasp.
+    pub fn can_grasp(&self) -> bool {
+        u64::from(self.lifted) * u64::from(Self::OF) >= u64::from(self.tried) * u64::from(Self::LEAST)
+            && self.lifted > 0
+    }
+
+    /// Tells in one line whether the hand can grasp.
+    pub fn verdict(&self) -> String {
+        let ScriptedGrasps { tried, lifted, reached } = self;
+        let can = if self.can_grasp() { "this hand can grasp" } else { "this hand cannot grasp as it is described" };
+        format!("{can}: by a script, it lifts {lifted} of {tried} and reaches the goal in {reached}")
     }
 }
 

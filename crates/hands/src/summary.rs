@@ -7,6 +7,7 @@ use serde::Serialize;
 use toml::Value;
 
 use crate::hand::Hand;
+use crate::manifest::ScriptedGrasps;
 use crate::parts::{FrameKind, HandActuator, HandCoupling};
 use crate::schema;
 
@@ -31,6 +32,8 @@ pub struct HandSummary {
     pub licence: String,
     /// The hand's directory.
     pub directory: PathBuf,
+    /// What became of scripted grasps when the hand was made, if that is known.
+    pub scripted_grasps: Option<ScriptedGrasps>,
     /// Every value of the manifest, and its origin.
     pub values: Vec<SummaryValue>,
     /// Joints of the posture in order.
@@ -114,6 +117,7 @@ impl HandSummary {
             digest: hand.digest.clone(),
             licence: manifest.licence.clone(),
             directory: hand.directory.clone(),
+            scripted_grasps: manifest.scripted_grasps,
             values: values(hand),
             posture: hand.posture.iter().map(|joint| SummaryJoint::of(joint, hand)).collect(),
             actuators: hand.actuators.clone(),

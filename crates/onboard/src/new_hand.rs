@@ -7,19 +7,23 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use eigenhand_files::{cannot, create_directory};
-use eigenhand_hands::xml::{append_section, attribute, element, elements, elements_mut, numbers, print, set};
+use eigenhand_hands::xml::{
+    append_section, attribute, element, elements, elements_mut, numbers, print, retain_elements, set,
+};
 use eigenhand_hands::xmltree::{Element, XMLNode};
 use eigenhand_hands::{Hand, ImportOptions, Imported, MANIFEST_FILE, import, is_hand_name};
 use eigenhand_mujoco::MuJoCo;
+use eigenhand_sim::contract::{self, ContractReport};
 use eigenhand_sim::{GraspTask, Setting};
 use nalgebra::Vector3;
 use serde::Serialize;
 
 use crate::error::OnboardError;
-use crate::survey::{Closing, Hints, Survey, arm, survey};
-use crate::trial::{Place, best_place};
+use crate::survey::{Closing, Hints, OtherHands, Survey, arm, other_hands, survey};
+use crate::trial::{Place, best_place, promise};
 
 mod texts;
+mod verdict;
 
 pub use texts::describe_new_hand;
 use texts::{manifest, readme};
@@ -29,6 +33,10 @@ const ASSETS: &str = "assets";
 const README: &str = "README.md";
 /// Names of licence files.
 const LICENCES: [&str; 4] = ["LICENSE", "LICENSE.txt", "LICENSE.md", "COPYING"];
+/// Height in m above rest to which the top of the slide lifts objects, and the shortest and longest slide in m.
+const TOP: f64 = 0.21;
+const SHORTEST_SLIDE: f64 = 0.15;
+const LONGEST_SLIDE: f64 = 0.3;
 /// Number of directories, from the model upwards, that are searched for its licence.
 const LICENCE_LEVELS: usize = 3;
 
@@ -66,8 +74,18 @@ pub struct NewHandReport {
     pub opening_m: f64,
     /// Factor on the objects' lengths.
     pub object_scale: f64,
-    /// Number of scripted grasps at the chosen place that lifted the object, and number of all scripted grasps there.
-    pub lifted: [u32; 2],
+    /// Number of scripted grasps at the chosen place.
+    pub tried: u32,
+    /// Those that lifted the object.
+    pub lifted: u32,
+    /// Those that brought the object to its goal, as episodes of training must.
+    pub reached: u32,
+    /// Those after which the closed hand did not touch the object.
+    pub missed: u32,
+    /// Mean distance in m by which lifted objects were dragged aside.
+    pub drag_m: f64,
+    /// Conditions of the hand contract that do not hold, each with what to change.
+    pub broken: Vec<String>,
     /// Actuators that close the hand at the upper end of their range.
     pub close_up: Vec<String>,
     /// Actuators that close the hand at the lower end of their range.
@@ -78,9 +96,37 @@ pub struct NewHandReport {
     pub notes: Vec<String>,
 }
 
-/// Reads, surveys and writes a hand; scripted grasps in `setting` choose its place.
+/// What is at work while a hand is made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// The survey moves the hand.
+    Survey,
+    /// Scripted grasps try a direction of approach: its number, and the number of directions.
+    Approach(usize, usize),
+    /// Scripted grasps: those that are done, and all of them.
+    Grasps(usize, usize),
+    /// The contract is checked.
+    Contract,
+}
+
+impl std::fmt::Display for Step {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Step::Survey => write!(f, "survey: the hand is moved to find its palm and its fingers"),
+            Step::Approach(number, all) => write!(f, "approach {number} of {all}"),
+            Step::Grasps(done, all) => write!(f, "scripted grasps {done} of {all}"),
+            Step::Contract => write!(f, "hand contract"),
+        }
+    }
+}
+
+/// Receives the steps; several threads call it.
+pub type Heard<'a> = dyn Fn(Step) + Sync + 'a;
+
+/// Reads, surveys and writes a hand; scripted grasps in `setting` choose its approach and its place, and tell whether it
+/// can grasp. At the end the contract is checked.
 ///
-/// `notes` receives every change to the file, also when an error follows.
+/// `notes` receives every change to the file, also when an error follows; `heard` receives the steps.
 ///
 /// # Errors
 /// [`OnboardError::Hand`] for a faulty file, [`OnboardError::MuJoCo`] for a model that MuJoCo refuses,
@@ -91,6 +137,7 @@ pub fn new_hand(
     library: &Arc<MuJoCo>,
     setting: &Setting,
     notes: &mut Vec<String>,
+    heard: &Heard,
 ) -> Result<NewHandReport, OnboardError> {
     let directory = &request.directory;
     if !is_hand_name(&request.name) {
@@ -100,20 +147,48 @@ pub fn new_hand(
     if occupied {
         return Err(OnboardError::HandExists { path: directory.clone() });
     }
+    heard(Step::Survey);
     let mut imported = import(&request.source, &request.options, notes)?;
     if let Some(arm) = arm(library, &imported.model, &imported.assets, &request.hints)? {
         imported.leave_out_arm(&arm.hand, &arm.joints, notes);
     }
-    let found = survey(library, &imported.model, &imported.assets, &request.hints)?;
-    let tips = add_tips(&mut imported.model, &found);
-    exclude_overlaps(&mut imported.model, &found, notes);
-    clear_the_way(&mut imported.model, &found, notes);
-    name_meshes_directory(&mut imported);
-    if !found.stuck.is_empty() {
-        notes.push(format!("the posture leaves out joints that no actuator moves: {}", found.stuck.join(", ")));
+    if let Some(others) = other_hands(library, &imported.model, &imported.assets, &request.hints)? {
+        leave_out_others(&mut imported, &others, notes);
     }
-    let report = report(request, &found, tips, notes.clone());
-    write(request, &imported, found, report, library, setting)
+    let surveys = survey(library, &imported.model, &imported.assets, &request.hints)?;
+    let drafts: Vec<Draft> =
+        surveys.into_iter().map(|found| Draft::new(request, &imported.model, found, notes)).collect();
+    let report = write(request, &mut imported, drafts, &Trials { library, setting, heard })?;
+    notes.clone_from(&report.notes);
+    Ok(report)
+}
+
+/// A hand with one of the directions in which it may approach an object.
+struct Draft {
+    model: Element,
+    found: Survey,
+    report: NewHandReport,
+}
+
+impl Draft {
+    fn new(request: &NewHand, model: &Element, found: Survey, notes: &[String]) -> Draft {
+        let (mut model, mut notes) = (model.clone(), notes.to_vec());
+        let tips = add_tips(&mut model, &found);
+        exclude_overlaps(&mut model, &found, &mut notes);
+        clear_the_way(&mut model, &found, &mut notes);
+        if !found.stuck.is_empty() {
+            notes.push(format!("the posture leaves out joints that no actuator moves: {}", found.stuck.join(", ")));
+        }
+        let report = report(request, &found, tips, notes);
+        Draft { model, found, report }
+    }
+}
+
+/// What scripted grasps need besides the hand.
+struct Trials<'a> {
+    library: &'a Arc<MuJoCo>,
+    setting: &'a Setting,
+    heard: &'a Heard<'a>,
 }
 
 fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec<String>) -> NewHandReport {
@@ -129,11 +204,42 @@ fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec
         reach_m: found.fingers.iter().map(|finger| finger.reach).collect(),
         opening_m: found.opening,
         object_scale: found.object_scale,
-        lifted: [0, 0],
+        lifted: 0,
+        reached: 0,
+        missed: 0,
+        tried: 0,
+        drag_m: 0.0,
+        broken: Vec::new(),
         close_up: those(Closing::Up),
         close_down: those(Closing::Down),
         neither: those(Closing::Neither),
         notes,
+    }
+}
+
+/// Leaves out the hands beside that of the palm.
+fn leave_out_others(imported: &mut Imported, others: &OtherHands, notes: &mut Vec<String>) {
+    fn remove(parent: &mut Element, names: &[String]) {
+        let named = |e: &Element| attribute(e, "name").is_some_and(|name| names.iter().any(|n| n == name));
+        retain_elements(parent, |e| e.name != "body" || !named(e));
+        elements_mut(parent).filter(|e| matches!(e.name.as_str(), "worldbody" | "body")).for_each(|e| remove(e, names));
+    }
+    let names = others.bodies.join(", ");
+    match &others.keep {
+        Some(hand) => {
+            notes.push(format!("the hand begins with `{hand}`; other hands in the file were left out: {names}"));
+            imported.leave_out_arm(hand, &[], notes);
+        }
+        None => {
+            notes.push(format!("other hands in the file were left out: {names}"));
+            remove(&mut imported.model, &others.bodies);
+            let root = elements(&imported.model).filter(|e| e.name == "worldbody").flat_map(elements);
+            let root = root.filter(|e| e.name == "body").find_map(|body| attribute(body, "name").map(str::to_owned));
+            if let Some(root) = root {
+                // The elements that name the removed bodies go too.
+                imported.leave_out_arm(&root, &[], notes);
+            }
+        }
     }
 }
 
@@ -209,15 +315,13 @@ fn name_meshes_directory(imported: &mut Imported) {
     }
 }
 
-/// Writes the hand to a temporary directory, reads it back, finds the hand's place by scripted grasps, and renames the
-/// directory.
+/// Writes the hand to a temporary directory, reads it back, finds its approach and its place by scripted grasps, checks
+/// the contract, and renames the directory.
 fn write(
     request: &NewHand,
-    imported: &Imported,
-    mut found: Survey,
-    mut report: NewHandReport,
-    library: &Arc<MuJoCo>,
-    setting: &Setting,
+    imported: &mut Imported,
+    mut drafts: Vec<Draft>,
+    trials: &Trials,
 ) -> Result<NewHandReport, OnboardError> {
     let directory = &request.directory;
     let parent = directory.parent().filter(|path| !path.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -230,25 +334,43 @@ fn write(
         .map_err(cannot("create a directory in", parent))?;
     let place = |name: &str| partial.path().join(name);
     let save = |path: PathBuf, bytes: &[u8]| fs::write(&path, bytes).map_err(cannot("write", &path));
-    save(place(MODEL_FILE), print(&imported.model).as_bytes())?;
     if !imported.assets.is_empty() {
         create_directory(&place(ASSETS))?;
     }
     for (name, bytes) in &imported.assets {
         save(place(ASSETS).join(name), bytes)?;
     }
-    save(place(MANIFEST_FILE), manifest(request, imported, &found, &report).as_bytes())?;
     if let Some(licence) = licence_of(&request.source) {
         let copy = partial.path().join(licence.file_name().unwrap_or_default());
         fs::copy(&licence, &copy).map_err(cannot("copy", &licence))?;
     }
-    let Place { shift, lifted, tried } = best_place_of(&Hand::load(partial.path())?, library, setting)?;
+    let save_draft = |imported: &mut Imported, draft: &Draft| {
+        imported.model.clone_from(&draft.model);
+        name_meshes_directory(imported);
+        save(place(MODEL_FILE), print(&imported.model).as_bytes())?;
+        save(place(MANIFEST_FILE), manifest(request, imported, &draft.found, &draft.report).as_bytes())?;
+        Ok::<Hand, OnboardError>(Hand::load(partial.path())?)
+    };
+    let mut best = 0;
+    if drafts.len() > 1 {
+        let mut promises = Vec::new();
+        for (i, draft) in drafts.iter().enumerate() {
+            (trials.heard)(Step::Approach(i + 1, drafts.len()));
+            promises.push(save_draft(imported, draft).and_then(|hand| trials.promise(&hand)));
+        }
+        best = likeliest(&promises);
+    }
+    let Draft { model, mut found, mut report } = drafts.swap_remove(best);
+    let draft = Draft { model, found: found.clone(), report: report.clone() };
+    let Place { shift, grasps, .. } = trials.best_place(&save_draft(imported, &draft)?)?;
     let moved = found.mount.translation.vector + Vector3::new(shift[0], shift[1], 0.0);
     found.mount.translation.vector = moved.map(|v| (v * 1e4).round() / 1e4);
-    report.lifted = [lifted, tried];
-    save(place(MANIFEST_FILE), manifest(request, imported, &found, &report).as_bytes())?;
+    found.slide_range = lower_top(found.slide_range, grasps.height);
+    report.take(&grasps);
+    let hand = save_draft(imported, &Draft { model: draft.model, found, report: report.clone() })?;
+    (trials.heard)(Step::Contract);
+    report.broken = broken(&contract::check(&hand, trials.library, trials.setting));
     save(place(README), readme(request, &report).as_bytes())?;
-    Hand::load(partial.path())?;
     if directory.is_dir() {
         fs::remove_dir(directory).map_err(cannot("replace", directory))?;
     }
@@ -256,9 +378,49 @@ fn write(
     Ok(report)
 }
 
-fn best_place_of(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Place, OnboardError> {
-    let task = GraspTask::new(library, hand, setting)?;
-    Ok(best_place(&Arc::new(task), &hand.manifest.closing, hand.manifest.objects.scale)?)
+/// Returns the index of the approach that promises most. An earlier one is kept unless a later one is clearly better.
+fn likeliest(promises: &[Result<Place, OnboardError>]) -> usize {
+    const CLEARLY: f64 = 0.08;
+    let merit = |i: usize| promises[i].as_ref().map_or(f64::NEG_INFINITY, |place| place.merit);
+    (1..promises.len()).fold(0, |best, i| if merit(i) > merit(best) + CLEARLY { i } else { best })
+}
+
+/// Moves the top of the slide so that it lifts objects to [`TOP`] above rest, given the height to which it lifts them
+/// now. Goals lie below, so a hand that stands at its stop does not miss all of them.
+fn lower_top([low, high]: [f64; 2], height: Option<f64>) -> [f64; 2] {
+    let by = height.map_or(0.0, |height| TOP - height);
+    let top = (high + by).clamp(low + SHORTEST_SLIDE, low + LONGEST_SLIDE);
+    [low, (top.max(0.0) * 1e4).round() / 1e4]
+}
+
+fn broken(report: &ContractReport) -> Vec<String> {
+    report
+        .checks
+        .iter()
+        .filter(|check| !check.passed)
+        .map(|check| format!("{}: {}", check.name, check.detail))
+        .collect()
+}
+
+impl Trials<'_> {
+    fn task(&self, hand: &Hand, setting: &Setting) -> Result<Arc<GraspTask>, OnboardError> {
+        Ok(Arc::new(GraspTask::new(self.library, hand, setting)?))
+    }
+
+    /// Tries every second object at few places.
+    fn promise(&self, hand: &Hand) -> Result<Place, OnboardError> {
+        let objects = self.setting.objects.iter().step_by(2).cloned().collect();
+        let task = self.task(hand, &Setting { objects, ..self.setting.clone() })?;
+        let manifest = &hand.manifest;
+        Ok(promise(&task, &manifest.closing, manifest.objects.scale, hand.fingertips.len(), &|_, _| {})?)
+    }
+
+    fn best_place(&self, hand: &Hand) -> Result<Place, OnboardError> {
+        let task = self.task(hand, self.setting)?;
+        let manifest = &hand.manifest;
+        let heard = |done, all| (self.heard)(Step::Grasps(done, all));
+        Ok(best_place(&task, &manifest.closing, manifest.objects.scale, hand.fingertips.len(), &heard)?)
+    }
 }
 
 fn licence_of(source: &Path) -> Option<PathBuf> {

@@ -15,15 +15,17 @@ mod arm;
 mod findings;
 mod fingers;
 mod lab;
+mod several;
 mod stand;
 
-pub use arm::{Arm, arm};
+pub use arm::{Arm, OtherHands, arm, other_hands};
 pub use findings::{Closing, Finger, Hints, Survey};
 use fingers::{chains, palm};
 use lab::Lab;
 use stand::stand;
 
-/// Surveys the hand whose model is `root`, with the files that it names.
+/// Surveys the hand whose model is `root`, with the files that it names: one survey for each direction in which the hand
+/// may approach an object, the likeliest first.
 ///
 /// # Errors
 /// [`OnboardError::MuJoCo`] with MuJoCo's reason, [`OnboardError::Survey`] if no palm or finger is identified.
@@ -32,18 +34,23 @@ pub fn survey(
     root: &Element,
     assets: &[(String, Vec<u8>)],
     hints: &Hints,
-) -> Result<Survey, OnboardError> {
+) -> Result<Vec<Survey>, OnboardError> {
     let model = Arc::new(Model::from_xml(library, &stand(root, "disable"), assets)?);
     let touching = Arc::new(Model::from_xml(library, &stand(root, "enable"), assets)?);
     let palm = palm(&model, hints)?;
     let chains = chains(&model, palm)?;
     let mut lab = Lab::new(&model, palm)?;
     let mut poses = lab.postures(chains)?;
-    lab.approach(&poses, hints.approach)?;
     lab.leave_out_guides(&mut poses);
-    lab.straighten(&poses);
-    lab.check_fingers(&poses)?;
-    let closing = lab.closing(&poses)?;
-    let open = lab.open(&closing)?;
-    lab.report(&poses, closing, open, &touching)
+    lab.add_fixed_jaw(&mut poses)?;
+    let mut found = Vec::new();
+    for approach in lab.approaches(&poses, hints.approach)? {
+        lab.set_approach(approach);
+        lab.straighten(&poses);
+        lab.check_fingers(&poses)?;
+        let closing = lab.closing(&poses)?;
+        let open = lab.open(&poses, &closing)?;
+        found.push(lab.report(&poses, &closing, &open, &touching)?);
+    }
+    Ok(found)
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use eigenhand_files::write_atomically;
-use eigenhand_hands::{Hand, Registry, SearchPath};
+use eigenhand_hands::{Hand, Registry, ScriptedGrasps, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use serde::Serialize;
 use toml::Value;
@@ -84,6 +84,8 @@ pub struct Plan {
     pub n_actuators: usize,
     /// Its fingers.
     pub n_fingers: usize,
+    /// What became of scripted grasps when the hand was made, if that is known.
+    pub scripted_grasps: Option<ScriptedGrasps>,
     /// Names of the objects.
     pub objects: Vec<String>,
     /// Preset.
@@ -216,6 +218,7 @@ impl Plan {
             n_joints: hand.posture.len(),
             n_actuators: hand.actuators.len() + 1,
             n_fingers: hand.fingertips.len(),
+            scripted_grasps: hand.manifest.scripted_grasps,
             objects: config.objects.clone(),
             preset: config.preset,
             lambda: config.lambda,

@@ -75,6 +75,14 @@ pub(super) fn manifest(request: &NewHand, imported: &Imported, found: &Survey, r
         }
     }
     let _ = write!(text, "\n[objects]\nscale = {:?}\n", found.object_scale);
+    if report.tried > 0 {
+        let [tried, lifted, reached] = [report.tried, report.lifted, report.reached];
+        let _ = write!(
+            text,
+            "\n# What became of scripted grasps of every object when this file was made.\n[scripted_grasps]\n\
+             tried = {tried}\nlifted = {lifted}\nreached = {reached}\n"
+        );
+    }
     text
 }
 
@@ -106,11 +114,12 @@ pub fn describe_new_hand(report: &NewHandReport) -> String {
         centimetres(report.opening_m),
         report.object_scale
     );
-    let [lifted, tried] = report.lifted;
     let _ = writeln!(
         text,
-        "- at the chosen place, a scripted grasp (come down, close, rise) lifted the object in {lifted} of {tried} trials"
+        "- at the chosen place, scripted grasps (come down, close, raise to a goal) drag the object aside by {} on average",
+        centimetres(report.drag_m)
     );
+    report.broken.iter().for_each(|condition| text.push_str(&format!("- fails the hand contract: {condition}\n")));
     report.notes.iter().for_each(|note| text.push_str(&format!("- {note}\n")));
     text
 }
@@ -128,8 +137,9 @@ pub(super) fn readme(request: &NewHand, report: &NewHandReport) -> String {
     let file = request.source.file_name().unwrap_or_default().to_string_lossy();
     format!(
         "# {}\n\nMade from `{file}` by `eigenhand hands new`. `model.xml` is that file, repaired or converted for MuJoCo 2.2.2; \
-         `hand.toml` describes how to use it.\n\n## Found and assumed\n\n{}",
+         `hand.toml` describes how to use it.\n\n{}\n\n## Found and assumed\n\n{}",
         request.name,
+        report.verdict(),
         describe_new_hand(report)
     )
 }

@@ -8,6 +8,7 @@ use eigenhand_mujoco::{BodyId, Data, JointId, Model, MuJoCo};
 
 use super::findings::Hints;
 use super::fingers::{ancestors, palm};
+use super::several::Tree;
 use super::stand::{CARRIAGE, stand};
 use crate::error::OnboardError;
 
@@ -60,8 +61,41 @@ pub fn arm(
     Ok(found)
 }
 
+/// The parts of a file that belong to other hands than that of the palm.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct OtherHands {
+    /// The body below which the hand is alone.
+    pub keep: Option<String>,
+    /// The bodies at which the other hands begin.
+    pub bodies: Vec<String>,
+}
+
+/// Finds other hands beside that of the palm that the hint names.
+///
+/// # Errors
+/// As [`survey`](super::survey).
+pub fn other_hands(
+    library: &Arc<MuJoCo>,
+    root: &Element,
+    assets: &[(String, Vec<u8>)],
+    hints: &Hints,
+) -> Result<Option<OtherHands>, OnboardError> {
+    if hints.palm.is_none() {
+        return Ok(None);
+    }
+    let model = Arc::new(Model::from_xml(library, &stand(root, "disable"), assets)?);
+    let palm = palm(&model, hints)?;
+    let mut data = Data::new(&model)?;
+    let surplus = Tree::new(&model, &mut data).surplus(palm);
+    let name = |body: BodyId| Some(model.body_name(body)).filter(|name| name != CARRIAGE && !name.is_empty());
+    Ok(surplus.map(|found| OtherHands {
+        keep: found.keep.and_then(name),
+        bodies: found.others.into_iter().filter_map(name).collect(),
+    }))
+}
+
 /// Tells whether a joint moves the palm as an arm does; a wrist only tilts it.
-fn carries(model: &Model, data: &mut Data, joint: JointId, palm: BodyId) -> bool {
+pub(super) fn carries(model: &Model, data: &mut Data, joint: JointId, palm: BodyId) -> bool {
     let (low, high) = model.joint_range(joint).unwrap_or(UNLIMITED);
     let mut at = |q: f64| {
         data.reset();

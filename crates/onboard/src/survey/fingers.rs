@@ -1,12 +1,12 @@
 //! The tree of a hand: its palm, its fingers and their tips.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use eigenhand_mujoco::{BodyId, Data, GeomId, JointId, Model};
 use nalgebra::Vector3;
 
 use super::findings::Hints;
+use super::several::{Tree, palms};
 use super::stand::CARRIAGE;
 use crate::error::{OnboardError, refuse};
 
@@ -23,6 +23,12 @@ pub(super) struct Chain {
     pub(super) tip: Vector3<f64>,
     /// Whether every joint of the finger follows another one.
     pub(super) follows: bool,
+    /// The joint whose axis the finger slides along, if no joint of it turns.
+    pub(super) slide: Option<JointId>,
+    /// The hinges of the finger, whose anchors lie along it.
+    pub(super) hinges: Vec<JointId>,
+    /// Whether this is a part of the palm that does not move, against which the only finger closes.
+    pub(super) fixed: bool,
 }
 
 /// Lists the bodies from `body` up to the world, `body` first.
@@ -46,8 +52,23 @@ pub(super) fn jointed(model: &Model) -> Vec<bool> {
 }
 
 /// Returns the palm: the body that the hint names, or else the body that carries every finger.
-pub(super) fn palm(model: &Model, hints: &Hints) -> Result<BodyId, OnboardError> {
-    let Some(name) = &hints.palm else { return common_ancestor(model) };
+///
+/// # Errors
+/// [`OnboardError::Survey`] if the file holds several hands, or a hand beside other limbs, and no hint names the palm.
+pub(super) fn palm(model: &Arc<Model>, hints: &Hints) -> Result<BodyId, OnboardError> {
+    let Some(name) = &hints.palm else {
+        let palm = common_ancestor(model);
+        let mut data = Data::new(model)?;
+        let hands = Tree::new(model, &mut data).hands();
+        let moves = jointed(model);
+        let group = |body| rigid_root(model, &moves, body);
+        let whole = match &hands[..] {
+            [] => false,
+            [only] => palm.as_ref().map_or(true, |&palm| group(palm) != group(only.palm)),
+            _ => true,
+        };
+        return if whole { Err(more_than_a_hand(&palms(model, &hands))) } else { palm };
+    };
     let moves = jointed(model);
     let carries =
         |body: &BodyId| body.index() > 0 && model.bodies().any(|b| moves[b.index()] && model.body_parent(b) == *body);
@@ -59,6 +80,12 @@ pub(super) fn palm(model: &Model, hints: &Hints) -> Result<BodyId, OnboardError>
             names.join(", ")
         ))
     })
+}
+
+fn more_than_a_hand(palms: &[String]) -> OnboardError {
+    let options: Vec<String> = palms.iter().take(SHOWN).map(|name| format!("--palm {name}")).collect();
+    let what = if palms.len() == 1 { "a hand among other limbs" } else { "more than one hand" };
+    refuse(format!("the file holds {what}: name the palm with {}", options.join(" or ")))
 }
 
 /// Returns the body that carries every finger: the lowest one above all moving parts.
@@ -82,36 +109,16 @@ pub(super) fn rigid_root(model: &Model, moves: &[bool], body: BodyId) -> BodyId 
     ancestors(model, body).find(|b| moves[b.index()] || model.body_parent(*b).index() == 0).unwrap_or(body)
 }
 
-/// Finds the fingers: the branches that joints connect to the palm. Branches that a closed loop ties together are one
-/// finger.
+/// Finds the fingers of a palm: the branches that joints connect to it, and that can meet. Branches that a closed loop
+/// ties together are one finger.
 pub(super) fn chains(model: &Arc<Model>, palm: BodyId) -> Result<Vec<Chain>, OnboardError> {
-    let moves = jointed(model);
-    let group = rigid_root(model, &moves, palm);
-    let in_palm = |b: BodyId| rigid_root(model, &moves, b) == group;
-    // The branch of a body: the first moving body on the way from the palm to it.
-    let branch = |body: BodyId| -> Option<BodyId> {
-        let path: Vec<BodyId> = ancestors(model, body).take_while(|&b| !in_palm(b)).collect();
-        let top = *path.last()?;
-        in_palm(model.body_parent(top)).then_some(top)
-    };
-    let mut leader: BTreeMap<BodyId, BodyId> = model.bodies().filter_map(|b| branch(b).map(|top| (top, top))).collect();
-    for (a, b) in model.tied_bodies() {
-        if let (Some(a), Some(b)) = (branch(a), branch(b)) {
-            let (from, to) = (leader[&a], leader[&b]);
-            leader.values_mut().filter(|l| **l == from).for_each(|l| *l = to);
-        }
-    }
     let mut data = Data::new(model)?;
-    data.forward();
-    let mut tops: Vec<BodyId> = leader.values().copied().collect();
-    tops.sort_unstable();
-    tops.dedup();
-    let mut found = Vec::new();
-    for top in tops {
-        let bodies: Vec<BodyId> =
-            model.bodies().filter(|&b| branch(b).is_some_and(|branch| leader[&branch] == top)).collect();
-        found.extend(chain(model, &data, &moves, palm, bodies));
-    }
+    let mut tree = Tree::new(model, &mut data);
+    let fingers: Vec<Vec<BodyId>> = tree.fingers_of(palm).iter().map(|finger| tree.bodies(finger)).collect();
+    let moves = jointed(model);
+    let mut found: Vec<Chain> =
+        fingers.into_iter().filter_map(|bodies| chain(model, &data, &moves, palm, bodies)).collect();
+    found.sort_by_key(|chain| chain.first_joint);
     if found.is_empty() {
         let palm = model.body_name(palm);
         return Err(refuse(format!(
@@ -151,8 +158,11 @@ pub(super) fn chain(model: &Model, data: &Data, moves: &[bool], palm: BodyId, bo
         .max_by(|a, b| (a.1 - base).norm().total_cmp(&(b.1 - base).norm()))?;
     let tip = data.body_orientation(body).inverse_transform_vector(&(point - data.body_position(body)));
     let following = model.following_joints();
-    let follows = model.joints().filter(|&j| bodies.contains(&model.joint_body(j))).all(|j| following.contains(&j));
-    Some(Chain { first_joint, tip_body: body, tip, follows })
+    let joints: Vec<JointId> = model.joints().filter(|&j| bodies.contains(&model.joint_body(j))).collect();
+    let follows = joints.iter().all(|j| following.contains(j));
+    let hinges: Vec<JointId> = joints.iter().copied().filter(|&j| !model.joint_slides(j)).collect();
+    let slide = hinges.is_empty().then_some(first_joint);
+    Some(Chain { first_joint, tip_body: body, tip, follows, slide, hinges, fixed: false })
 }
 
 /// Returns the base of a finger: the anchor of its first joint, or the middle of the palm if that joint slides.

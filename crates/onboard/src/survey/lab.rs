@@ -2,13 +2,13 @@
 
 use std::sync::Arc;
 
-use eigenhand_mujoco::{BodyId, Data, Model};
+use eigenhand_mujoco::{BodyId, Data, GeomId, Model};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::findings::Closing;
-use super::fingers::{Chain, base_of};
+use super::fingers::{Chain, base_of, jointed, rigid_root};
 use super::stand::TIMESTEP;
 use crate::error::{OnboardError, refuse};
 
@@ -26,6 +26,10 @@ const REACHES: [f64; 2] = [0.005, 0.6];
 const TRAVELS: f64 = 0.004;
 /// A direction within this angle (rad) of an axis of the palm is taken to be that axis.
 const SNAP_ANGLE: f64 = 0.7;
+/// A finger is nearly straight if it has at least this share of its length.
+const NEARLY: f64 = 0.85;
+/// A link guides another finger if its end stays within this distance (m) of a joint of that finger.
+const GUIDED: f64 = 0.025;
 const SEED: u64 = 7;
 
 /// A posture: the commands, and the fingertips in the palm's frame.
@@ -51,6 +55,8 @@ pub(super) struct Lab<'a> {
     palm: BodyId,
     data: Data,
     chains: Vec<Chain>,
+    /// For each finger, the largest distance of its tip from the nearest joint of another finger.
+    guided: Vec<f64>,
     ranges: Vec<(f64, f64)>,
     /// Direction of approach and centre of the grasp in the palm's frame.
     approach: Vector3<f64>,
@@ -82,6 +88,7 @@ impl<'a> Lab<'a> {
             palm,
             data,
             chains: Vec::new(),
+            guided: Vec::new(),
             ranges,
             approach: Vector3::z(),
             grasp: Vector3::zeros(),
@@ -108,12 +115,17 @@ impl<'a> Lab<'a> {
             self.lowest[i] = self.lowest[i].min(q);
             self.highest[i] = self.highest[i].max(q);
         }
+        Ok(self.tips())
+    }
+
+    /// Returns the fingertips in the palm's frame.
+    fn tips(&self) -> Vec<Vector3<f64>> {
         let palm_from_world = self.palm_pose().inverse();
         let tip = |chain: &Chain| {
             let turned = self.data.body_orientation(chain.tip_body) * chain.tip;
             palm_from_world.transform_point(&(self.data.body_position(chain.tip_body) + turned).into()).coords
         };
-        Ok(self.chains.iter().map(tip).collect())
+        self.chains.iter().map(tip).collect()
     }
 
     fn palm_pose(&self) -> Isometry3<f64> {
@@ -138,7 +150,18 @@ impl<'a> Lab<'a> {
         commands.extend((0..POSTURES).map(|_| {
             self.ranges.iter().map(|&(low, high)| low + (high - low) * random.random_range(0.0..=1.0)).collect()
         }));
-        commands.into_iter().map(|controls| Ok(Pose { tips: self.take(&controls)?, controls })).collect()
+        self.guided = vec![0.0; self.chains.len()];
+        let mut poses = Vec::with_capacity(commands.len());
+        for controls in commands {
+            let tips = self.take(&controls)?;
+            let pose = self.palm_pose();
+            for (finger, tip) in tips.iter().enumerate() {
+                let apart = self.from_other_joints(finger, &pose.transform_point(&(*tip).into()).coords);
+                self.guided[finger] = self.guided[finger].max(apart);
+            }
+            poses.push(Pose { tips, controls });
+        }
+        Ok(poses)
     }
 
     /// Returns the mean position of a fingertip.
@@ -151,37 +174,62 @@ impl<'a> Lab<'a> {
         (pose.tips[finger] - self.base(&self.chains[finger])).norm()
     }
 
-    /// Sets the direction of approach: the hint, or else the mean direction from base to tip over all fingers and
-    /// postures.
-    pub(super) fn approach(&mut self, poses: &[Pose], hint: Option<[f64; 3]>) -> Result<(), OnboardError> {
-        let outward: Vector3<f64> = (0..self.chains.len())
-            .map(|f| {
-                let reach = poses.iter().map(|pose| self.length(f, pose)).fold(1e-6, f64::max);
-                (Self::mean_tip(poses, f) - self.base(&self.chains[f])) / reach
-            })
-            .sum();
-        let direction = match hint {
-            Some(given) => Vector3::from(given),
-            None => snap(&outward),
-        };
-        self.approach = direction.try_normalize(1e-6).ok_or_else(|| {
-            refuse("could not identify the direction of approach; give it with --approach, such as --approach +z")
-        })?;
-        Ok(())
+    /// Lists directions in which the hand may approach an object, in the palm's frame, the likeliest first: the hint alone,
+    /// or else the mean direction of the fingers over all postures, the direction in which they are long, that into which
+    /// they bend, and the one between.
+    pub(super) fn approaches(&self, poses: &[Pose], hint: Option<[f64; 3]>) -> Result<Vec<Vector3<f64>>, OnboardError> {
+        const BENDS: f64 = 0.15;
+        const ANOTHER: f64 = 0.3;
+        let unknown =
+            || refuse("could not identify the direction of approach; give it with --approach, such as --approach +z");
+        if let Some(given) = hint {
+            return Ok(vec![Vector3::from(given).try_normalize(1e-6).ok_or_else(unknown)?]);
+        }
+        let (mut mean, mut along, mut bent) = (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        for finger in 0..self.chains.len() {
+            let base = self.base(&self.chains[finger]);
+            let reach = poses.iter().map(|pose| self.length(finger, pose)).fold(1e-6, f64::max);
+            let mut outward = (Self::mean_tip(poses, finger) - base) / reach;
+            if let Some(axis) = self.slide_axis(finger) {
+                outward -= axis * outward.dot(&axis);
+            }
+            mean += outward;
+            let longest = poses.iter().max_by(|a, b| self.length(finger, a).total_cmp(&self.length(finger, b)));
+            let straight = poses.first().filter(|pose| self.length(finger, pose) >= NEARLY * reach).or(longest);
+            let Some(straight) = straight.map(|pose| pose.tips[finger]) else { continue };
+            let direction = (straight - base).try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
+            along += direction;
+            let curl = (Self::mean_tip(poses, finger) - straight) / reach;
+            bent += curl - direction * curl.dot(&direction);
+        }
+        let n_fingers = self.chains.len().max(1) as f64;
+        let mut candidates = vec![snap(&mean)];
+        if bent.norm() > BENDS * n_fingers {
+            let unit = |v: Vector3<f64>| v.try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
+            candidates.extend([snap(&bent), snap(&along), unit(bent) + unit(along)]);
+        }
+        let mut found: Vec<Vector3<f64>> = Vec::new();
+        for candidate in candidates.into_iter().filter_map(|candidate| candidate.try_normalize(1e-6)) {
+            if found.iter().all(|other| other.angle(&candidate) > ANOTHER) {
+                found.push(candidate);
+            }
+        }
+        if found.is_empty() { Err(unknown()) } else { Ok(found) }
     }
 
-    /// Leaves out links that only guide a neighbouring finger: they follow other joints and are much shorter than a
-    /// finger.
+    /// Sets the direction of approach.
+    pub(super) fn set_approach(&mut self, approach: Vector3<f64>) {
+        self.approach = approach;
+    }
+
+    /// Leaves out links that only guide a neighbouring finger: they follow other joints, and in every posture their end
+    /// is at a joint of that finger.
     pub(super) fn leave_out_guides(&mut self, poses: &mut [Pose]) {
-        const SHORT: f64 = 0.75;
-        let forward: Vec<f64> = (0..self.chains.len())
-            .map(|f| poses.iter().map(|pose| pose.tips[f].dot(&self.approach)).fold(f64::NEG_INFINITY, f64::max))
-            .collect();
-        let bases = self.chains.iter().map(|chain| self.base(chain).dot(&self.approach));
-        let palm = bases.fold(f64::INFINITY, f64::min);
-        let longest = forward.iter().copied().fold(f64::NEG_INFINITY, f64::max) - palm;
         let stays: Vec<bool> =
-            self.chains.iter().zip(&forward).map(|(c, &f)| !c.follows || f - palm >= SHORT * longest).collect();
+            self.chains.iter().zip(&self.guided).map(|(chain, &apart)| !chain.follows || apart > GUIDED).collect();
+        if !stays.contains(&true) {
+            return;
+        }
         let mut at = stays.iter();
         self.chains.retain(|_| at.next().copied().unwrap_or(true));
         for pose in poses {
@@ -190,14 +238,99 @@ impl<'a> Lab<'a> {
         }
     }
 
+    /// Returns a fingertip's distance in m from the nearest joint of another finger, in the present posture. A distance
+    /// along the axis of its own joint counts more, because fingers side by side are a finger's width apart.
+    fn from_other_joints(&self, finger: usize, tip: &Vector3<f64>) -> f64 {
+        const SIDEWAYS: f64 = 2.5;
+        let axis = self.data.joint_axis(self.chains[finger].first_joint);
+        let others = (0..self.chains.len()).filter(|&other| other != finger);
+        let anchors = others.flat_map(|other| self.chains[other].hinges.iter().map(|&j| self.data.joint_anchor(j)));
+        let distance = |anchor: Vector3<f64>| {
+            let away = tip - anchor;
+            let sideways = away.dot(&axis).abs();
+            (away.norm_squared() - sideways * sideways).max(0.0).sqrt().hypot(SIDEWAYS * sideways)
+        };
+        anchors.map(distance).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Finds the part of the palm against which the only finger closes, and takes it as a second finger that does not
+    /// move.
+    pub(super) fn add_fixed_jaw(&mut self, poses: &mut [Pose]) -> Result<(), OnboardError> {
+        const NEAR: f64 = 0.4;
+        const LONG: f64 = 0.5;
+        const DIRECTIONS: usize = 300;
+        if self.chains.len() != 1 {
+            return Ok(());
+        }
+        let moving = &self.chains[0];
+        let base = self.base(moving);
+        let reach = poses.iter().map(|pose| (pose.tips[0] - base).norm()).fold(0.0, f64::max);
+        let moves = jointed(self.model);
+        let group = rigid_root(self.model, &moves, self.palm);
+        let palm_from_world = self.palm_pose().inverse();
+        let gap =
+            |point: &Vector3<f64>| poses.iter().map(|pose| (pose.tips[0] - point).norm()).fold(f64::INFINITY, f64::min);
+        let geoms = self.model.geoms().filter(|&g| {
+            self.model.geom_collides(g) && rigid_root(self.model, &moves, self.model.geom_body(g)) == group
+        });
+        let mut points: Vec<(GeomId, Vector3<f64>, f64)> = Vec::new();
+        for geom in geoms {
+            for direction in sphere(DIRECTIONS) {
+                let point = palm_from_world.transform_point(&self.data.farthest_point(geom, &direction).into()).coords;
+                let distance = gap(&point);
+                if (point - base).norm() >= LONG * reach && distance <= NEAR * reach {
+                    points.push((geom, point, distance));
+                }
+            }
+        }
+        let Some(&(geom, nearest, _)) = points.iter().min_by(|a, b| a.2.total_cmp(&b.2)) else {
+            return Err(refuse(format!(
+                "only one finger moves ({:?}), and no part of {:?} reaches beside it to close against: one finger cannot \
+                 grasp. If the fixed jaw is a link of its own, give it collision geometry; if the hand is another part \
+                 of the file, name its palm with --palm",
+                self.model.body_name(moving.tip_body),
+                self.model.body_name(self.palm)
+            )));
+        };
+        // The middle of the corners around the nearest one.
+        let around: Vec<&Vector3<f64>> = points
+            .iter()
+            .filter(|(g, point, _)| *g == geom && (point - nearest).norm() < NEAR * reach)
+            .map(|(_, point, _)| point)
+            .collect();
+        let (lowest, highest) = around.iter().fold((nearest, nearest), |(l, h), p| (l.inf(p), h.sup(p)));
+        let tip = (lowest + highest) / 2.0;
+        let body = self.model.geom_body(geom);
+        let in_world = self.palm_pose().transform_point(&tip.into()).coords;
+        let own =
+            self.data.body_orientation(body).inverse_transform_vector(&(in_world - self.data.body_position(body)));
+        self.chains.push(Chain {
+            first_joint: moving.first_joint,
+            tip_body: body,
+            tip: own,
+            follows: false,
+            slide: moving.slide,
+            hinges: Vec::new(),
+            fixed: true,
+        });
+        self.guided.push(f64::INFINITY);
+        for pose in poses {
+            pose.tips.push(tip);
+        }
+        Ok(())
+    }
+
     /// Finds the centre of the grasp, and for each finger a posture in which it is nearly straight.
     ///
     /// This is the posture at zero commands if the finger then points in the direction of approach. Otherwise it is the
     /// posture whose tip is farthest from the centre of the grasp.
     pub(super) fn straighten(&mut self, poses: &[Pose]) {
-        const NEARLY: f64 = 0.85;
         let n_fingers = self.chains.len();
-        self.grasp = (0..n_fingers).map(|f| Self::mean_tip(poses, f)).sum::<Vector3<f64>>() / n_fingers.max(1) as f64;
+        let fixed = (0..n_fingers).find(|&f| self.chains[f].fixed);
+        let middle =
+            || (0..n_fingers).map(|f| Self::mean_tip(poses, f)).sum::<Vector3<f64>>() / n_fingers.max(1) as f64;
+        // A single finger closes against the jaw that does not move.
+        self.grasp = fixed.map_or_else(middle, |f| Self::mean_tip(poses, f));
         self.straight = (0..n_fingers)
             .map(|f| {
                 let longest = poses.iter().map(|pose| self.length(f, pose)).fold(0.0, f64::max);
@@ -286,13 +419,24 @@ impl<'a> Lab<'a> {
 
     /// Returns the direction that spans, together with the approach, the plane in which a finger bends.
     ///
-    /// It runs along the straight finger, or towards the grasp if the finger points in the direction of approach.
+    /// It runs along the straight finger, or towards the grasp if the finger points in the direction of approach. A jaw
+    /// that slides moves along its own axis.
     /// Motion out of this plane spreads the fingers.
     fn plane(&self, finger: usize, tip: &Vector3<f64>) -> Vector3<f64> {
         const LEAST: f64 = 0.35;
+        let slides = self.slide_axis(finger).and_then(|axis| self.across(axis).try_normalize(LEAST));
+        if let Some(axis) = slides {
+            return axis;
+        }
         let base = self.base(&self.chains[finger]);
         let along = self.across((tip - base).try_normalize(1e-9).unwrap_or_else(Vector3::zeros));
         along.try_normalize(LEAST).unwrap_or_else(|| self.towards_grasp(finger))
+    }
+
+    /// Returns the direction in which a jaw slides, in the palm's frame; none for a finger that turns.
+    fn slide_axis(&self, finger: usize) -> Option<Vector3<f64>> {
+        let joint = self.chains[finger].slide.filter(|_| !self.chains[finger].fixed)?;
+        Some(self.palm_pose().inverse_transform_vector(&self.data.joint_axis(joint)))
     }
 
     /// Returns the direction from a finger's base to the grasp, perpendicular to the approach.
@@ -310,6 +454,16 @@ impl<'a> Lab<'a> {
     fn across(&self, v: Vector3<f64>) -> Vector3<f64> {
         v - self.approach * v.dot(&self.approach)
     }
+}
+
+/// Lists directions that are spread evenly (Fibonacci lattice).
+fn sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
+    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    (0..count).map(move |i| {
+        let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+        let (radius, angle) = ((1.0 - z * z).sqrt(), golden * i as f64);
+        Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
+    })
 }
 
 /// Returns the axis near a direction (see [`SNAP_ANGLE`]), or the direction itself if no axis is near.

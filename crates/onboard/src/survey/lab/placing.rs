@@ -6,11 +6,11 @@ use std::sync::Arc;
 use eigenhand_mujoco::{BodyId, Data, GeomId, JointId, Model};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
-use super::{Lab, Pose, snap};
+use super::{Lab, Pose, SETTLE_TIME, snap};
 use crate::error::{OnboardError, refuse};
 use crate::survey::findings::{Closing, Finger, Survey};
 use crate::survey::fingers::ancestors;
-use crate::survey::stand::CARRIAGE;
+use crate::survey::stand::{CARRIAGE, TIMESTEP};
 
 /// Length of a finger and opening between fingertips, both in m, that suit objects of scale 1.
 const USUAL_REACH: f64 = 0.1;
@@ -26,9 +26,23 @@ const TALLEST: f64 = 0.095;
 const ROOM: f64 = 0.012;
 /// Depth in m below the plane to which the slide can push the hand, and the length in m of the slide.
 const PRESS: f64 = 0.005;
-const TRAVEL: f64 = 0.28;
+const TRAVEL: f64 = 0.22;
 /// A joint that moves less than this (rad, m) over all postures is stuck.
 const STUCK: f64 = 1e-4;
+
+/// A posture of the open hand.
+pub(in crate::survey) struct Open {
+    qpos: Vec<f64>,
+    tips: Vec<Vector3<f64>>,
+    /// Distance in m between opposing fingertips.
+    opening: f64,
+    /// Factor on the objects' lengths.
+    scale: f64,
+}
+
+fn middle(points: &[Vector3<f64>]) -> Vector3<f64> {
+    points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64
+}
 
 impl Lab<'_> {
     /// Returns the controls that close the hand by a share of each closing actuator's range.
@@ -47,43 +61,86 @@ impl Lab<'_> {
 
     /// Returns the opening: twice the mean distance of the tips from the line of approach through their centre.
     fn opening(&self, tips: &[Vector3<f64>]) -> f64 {
-        let centre = tips.iter().sum::<Vector3<f64>>() / tips.len().max(1) as f64;
-        let across = |tip: &Vector3<f64>| {
-            let from = tip - centre;
-            (from - self.approach * from.dot(&self.approach)).norm()
-        };
-        2.0 * tips.iter().map(across).sum::<f64>() / tips.len().max(1) as f64
+        let centre = middle(tips);
+        2.0 * tips.iter().map(|tip| self.across(tip - centre).norm()).sum::<f64>() / tips.len().max(1) as f64
     }
 
-    /// Chooses the open posture: returns its controls, its opening, and the scale of the objects.
-    pub(in crate::survey) fn open(&mut self, closing: &[Closing]) -> Result<(Vec<f64>, f64, f64), OnboardError> {
+    /// Tells whether a fingertip has passed to the other side of the grasp. `straight` are the tips of straight fingers.
+    fn crossed(&self, tips: &[Vector3<f64>], straight: &[Vector3<f64>]) -> bool {
+        const ASIDE: f64 = 0.3;
+        const PAST: f64 = 0.2;
+        let sides: Vec<Vector3<f64>> = straight.iter().map(|tip| self.across(tip - middle(straight))).collect();
+        let widest = sides.iter().map(|side| side.norm()).fold(0.0, f64::max);
+        // A finger near the middle, such as one of a row, is on no side.
+        tips.iter().zip(&sides).filter(|(_, side)| side.norm() > ASIDE * widest).any(|(tip, side)| {
+            let own = self.across(tip - middle(tips)).dot(side) / side.norm_squared();
+            own < -PAST
+        })
+    }
+
+    /// Takes the posture in which the closing actuators are at a share of their range.
+    fn open_at(&mut self, closing: &[Closing], share: f64) -> Result<Open, OnboardError> {
+        let controls = self.closed_by(closing, share);
+        let tips = self.take(&controls)?;
+        Ok(Open { qpos: self.data.qpos().to_vec(), opening: self.opening(&tips), tips, scale: 1.0 })
+    }
+
+    /// Chooses the open posture, and the scale of the objects.
+    ///
+    /// A motor that pulls against springs has no posture between its ends, so postures along its way from the open end
+    /// to the closed one are tried too.
+    pub(in crate::survey) fn open(&mut self, poses: &[Pose], closing: &[Closing]) -> Result<Open, OnboardError> {
         const SHARES: [f64; 9] = [0.08, 0.15, 0.22, 0.29, 0.36, 0.43, 0.5, 0.57, 0.64];
-        let mut tried = Vec::new();
-        for share in SHARES {
-            let controls = self.closed_by(closing, share);
-            let tips = self.take(&controls)?;
-            tried.push((controls, self.opening(&tips)));
+        let straight: Vec<Vector3<f64>> =
+            self.straight.iter().enumerate().map(|(f, straight)| poses[straight.pose].tips[f]).collect();
+        let mut tried = SHARES.iter().map(|&share| self.open_at(closing, share)).collect::<Result<Vec<_>, _>>()?;
+        let uncrossed = |open: &Open| !self.crossed(&open.tips, &straight);
+        if tried.iter().any(uncrossed) {
+            tried.retain(uncrossed);
         }
-        let widest = tried.iter().map(|(_, opening)| *opening).fold(0.0, f64::max);
+        let widest = tried.iter().map(|open| open.opening).fold(0.0, f64::max);
         let reach =
             self.straight.iter().map(|straight| straight.length).sum::<f64>() / self.straight.len().max(1) as f64;
         let scale = (reach / USUAL_REACH).min(widest / USUAL_OPENING);
         let scale = if (scale - 1.0).abs() <= NEAR_ONE { 1.0 } else { (scale * 20.0).round() / 20.0 };
         let scale = scale.clamp(SCALES[0], SCALES[1]);
         let wanted = OPENING * scale;
-        let best = tried.into_iter().min_by(|a, b| (a.1 - wanted).abs().total_cmp(&(b.1 - wanted).abs()));
-        let (controls, opening) = best.ok_or_else(|| refuse("the hand has no actuator"))?;
-        Ok((controls, opening, scale))
+        let near = |open: &Open| (open.opening - wanted).abs() <= NEAR_ONE * wanted;
+        if widest > wanted && !tried.iter().any(near) {
+            let on_the_way = self.on_the_way(closing)?;
+            tried.extend(on_the_way.into_iter().filter(|open| !self.crossed(&open.tips, &straight)));
+        }
+        let best = tried.into_iter().min_by(|a, b| (a.opening - wanted).abs().total_cmp(&(b.opening - wanted).abs()));
+        let best = best.ok_or_else(|| refuse("the hand has no actuator"))?;
+        Ok(Open { scale, ..best })
+    }
+
+    /// Lists postures on the way from the open hand to the closed one.
+    fn on_the_way(&mut self, closing: &[Closing]) -> Result<Vec<Open>, OnboardError> {
+        self.take(&self.closed_by(closing, 0.0))?;
+        let closed = self.closed_by(closing, 1.0);
+        self.data.ctrl_mut().copy_from_slice(&closed);
+        let mut found = Vec::new();
+        for _ in 0..(SETTLE_TIME / TIMESTEP) as usize {
+            self.data.step();
+            let tips = self.tips();
+            found.push(Open { qpos: self.data.qpos().to_vec(), opening: self.opening(&tips), tips, scale: 1.0 });
+        }
+        Ok(found)
     }
 
     pub(in crate::survey) fn report(
-        mut self,
+        &mut self,
         poses: &[Pose],
-        closing: Vec<Closing>,
-        (controls, opening, object_scale): (Vec<f64>, f64, f64),
+        closing: &[Closing],
+        open: &Open,
         touching: &Arc<Model>,
     ) -> Result<Survey, OnboardError> {
-        let tips = self.take(&controls)?;
+        let (opening, object_scale) = (open.opening, open.scale);
+        self.data.reset();
+        self.data.qpos_mut().copy_from_slice(&open.qpos);
+        self.data.forward();
+        let tips = self.tips();
         let model = Arc::clone(self.model);
         let hand_joints: Vec<JointId> = model.joints().filter(|&j| model.joint_name(j) != CARRIAGE).collect();
         let range = |j: JointId| self.highest[model.qpos_address(j)] - self.lowest[model.qpos_address(j)];
@@ -114,7 +171,7 @@ impl Lab<'_> {
             palm: model.body_name(self.palm),
             fingers,
             approach: self.approach.into(),
-            closing: model.actuators().map(|id| model.actuator_name(id)).zip(closing).collect(),
+            closing: model.actuators().map(|id| model.actuator_name(id)).zip(closing.iter().copied()).collect(),
             open_posture,
             opening,
             object_scale,
