@@ -156,7 +156,7 @@ impl<'a> Lab<'a> {
             let tips = self.take(&controls)?;
             let pose = self.palm_pose();
             for (finger, tip) in tips.iter().enumerate() {
-                let apart = self.from_other_joints(finger, &pose.transform_point(&(*tip).into()).coords);
+                let apart = self.apart_from_joints(finger, &pose.transform_point(&(*tip).into()).coords);
                 self.guided[finger] = self.guided[finger].max(apart);
             }
             poses.push(Pose { tips, controls });
@@ -240,7 +240,7 @@ impl<'a> Lab<'a> {
 
     /// Returns a fingertip's distance in m from the nearest joint of another finger, in the present posture. A distance
     /// along the axis of its own joint counts more, because fingers side by side are a finger's width apart.
-    fn from_other_joints(&self, finger: usize, tip: &Vector3<f64>) -> f64 {
+    fn apart_from_joints(&self, finger: usize, tip: &Vector3<f64>) -> f64 {
         const SIDEWAYS: f64 = 2.5;
         let axis = self.data.joint_axis(self.chains[finger].first_joint);
         let others = (0..self.chains.len()).filter(|&other| other != finger);
