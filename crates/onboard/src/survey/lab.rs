@@ -1,5 +1,6 @@
 //! Measures a hand by moving it.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use eigenhand_mujoco::{BodyId, Data, GeomId, Model};
@@ -38,6 +39,9 @@ pub(super) struct Pose {
     tips: Vec<Vector3<f64>>,
 }
 
+/// A movement of one actuator: index of the posture, of the actuator, and which end of its range it moves to.
+type Nudge = (usize, usize, usize);
+
 /// A straight finger.
 struct Straight {
     /// Length in m.
@@ -62,6 +66,7 @@ pub(super) struct Lab<'a> {
     approach: Vector3<f64>,
     grasp: Vector3<f64>,
     straight: Vec<Straight>,
+    nudges: BTreeMap<Nudge, Vec<Vector3<f64>>>,
     lowest: Vec<f64>,
     highest: Vec<f64>,
 }
@@ -93,6 +98,7 @@ impl<'a> Lab<'a> {
             approach: Vector3::z(),
             grasp: Vector3::zeros(),
             straight: Vec::new(),
+            nudges: BTreeMap::new(),
             lowest: vec![f64::INFINITY; model.nq()],
             highest: vec![f64::NEG_INFINITY; model.nq()],
         })
@@ -203,7 +209,12 @@ impl<'a> Lab<'a> {
             bent += curl - direction * curl.dot(&direction);
         }
         let n_fingers = self.chains.len().max(1) as f64;
-        let mut candidates = vec![snap(&mean)];
+        let mut candidates = Vec::new();
+        if let Some(fixed) = (0..self.chains.len()).find(|&finger| self.chains[finger].fixed) {
+            // The gap between the jaws is towards the tip of the jaw that does not move.
+            candidates.push(snap(&(Self::mean_tip(poses, fixed) - self.base(&self.chains[fixed]))));
+        }
+        candidates.push(snap(&mean));
         if bent.norm() > BENDS * n_fingers {
             let unit = |v: Vector3<f64>| v.try_normalize(1e-9).unwrap_or_else(Vector3::zeros);
             candidates.extend([snap(&bent), snap(&along), unit(bent) + unit(along)]);
@@ -393,7 +404,7 @@ impl<'a> Lab<'a> {
                 for (end, sign) in [-1.0, 1.0].into_iter().enumerate() {
                     let mut controls = from.clone();
                     controls[actuator] = (from[actuator] + sign * NUDGE * (high - low)).clamp(low, high);
-                    ends[end] = self.take(&controls)?[finger];
+                    ends[end] = self.nudged((start, actuator, end), &controls)?[finger];
                     distance[end] = self.distance(&ends[end], &side);
                 }
                 let effect = distance[0] - distance[1];
@@ -415,6 +426,17 @@ impl<'a> Lab<'a> {
                 _ => Closing::Neither,
             })
             .collect())
+    }
+
+    /// Returns the fingertips after one actuator was moved from a posture. Fingers and directions of approach share what
+    /// was measured.
+    fn nudged(&mut self, which: Nudge, controls: &[f64]) -> Result<Vec<Vector3<f64>>, OnboardError> {
+        if let Some(tips) = self.nudges.get(&which) {
+            return Ok(tips.clone());
+        }
+        let tips = self.take(controls)?;
+        self.nudges.insert(which, tips.clone());
+        Ok(tips)
     }
 
     /// Returns the direction that spans, together with the approach, the plane in which a finger bends.
