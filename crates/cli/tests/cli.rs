@@ -532,6 +532,22 @@ fn hands_are_listed_shown_and_checked() {
     assert!(report["checks"].as_array().unwrap().iter().any(|check| check["passed"] == false), "{report}");
 }
 
+/// Pads that stay farther apart than any object is wide.
+#[test]
+fn a_new_hand_that_cannot_grasp_is_told_and_warned_of() {
+    let place = TempDir::new().unwrap();
+    let (file, out) = (place.path().join("maker.xml"), place.path().join("wide"));
+    std::fs::write(&file, gripper::GRIPPER_MODEL.replace("range=\"0 0.05\"", "range=\"0 0.005\"")).unwrap();
+    let (file, out_text) = (file.to_str().unwrap(), out.to_str().unwrap());
+    let made = run(&["hands", "new", "wide", "--from", file, "--out", out_text]);
+    assert_eq!(made.status.code(), Some(FAILURE), "{made:?}");
+    let said = String::from_utf8(made.stdout).unwrap();
+    assert!(said.contains("cannot grasp") && said.contains("likeliest reason: "), "{said}");
+    assert!(!said.contains("train --hand"), "{said}");
+    let shown = run(&["hands", "show", out_text]);
+    assert!(String::from_utf8(shown.stdout).unwrap().contains("cannot grasp"));
+}
+
 #[test]
 fn a_new_hand_is_made_listed_checked_and_trained() {
     let place = TempDir::new().unwrap();
