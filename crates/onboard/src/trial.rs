@@ -18,6 +18,8 @@ const STEP: f64 = 0.02;
 /// place.
 const ALONG: [i32; 5] = [0, -2, -4, -6, 2];
 const ACROSS: i32 = 2;
+/// Number of places along the fingers at which places across them are tried.
+const ROWS: usize = 2;
 /// Number of grasps of each object at the best places, and number of these places.
 const TRIALS: u64 = 2;
 const BEST: usize = 3;
@@ -101,17 +103,13 @@ pub fn best_place(
     heard: &Heard,
 ) -> Result<Place, SimError> {
     let mut search = Search::new(task, closing, scale, n_fingertips, heard)?;
-    search.expect(ALONG.len() + 4, BEST);
+    search.expect(ALONG.len() + 2 + 2 * ACROSS as usize * ROWS, BEST);
     search.coarse();
     let [along, _] = search.best();
     search.grasp([[along - 1, 0], [along + 1, 0]], 0);
-    let [along, _] = search.best();
-    search.grasp([[along, -1], [along, 1]], 0);
-    for across in 2..=ACROSS {
-        let best = search.best();
-        if best[1].abs() == across - 1 {
-            search.grasp([[best[0], best[1].signum() * across]], 0);
-        }
+    // The best place along the fingers is not always the best one beside them.
+    for [along, _] in search.ranking().into_iter().take(ROWS).collect::<Vec<_>>() {
+        search.grasp((1..=ACROSS).flat_map(|across| [[along, -across], [along, across]]), 0);
     }
     for trial in 1..TRIALS {
         search.grasp(search.ranking().into_iter().take(BEST), trial);
