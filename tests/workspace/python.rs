@@ -110,7 +110,7 @@ fn the_policy_runs_with_fewer_numbers() {
         return;
     }
     let run = Run::new(gripper_with_vane());
-    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.anneal=[0.3, 0.6]"]].concat()));
+    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"]].concat()));
     let played = |arguments: &[&str]| {
         let printed = example("run_policy.py", &[&["--episodes", "3"], arguments].concat(), &run.path);
         printed.lines().filter(|line| line.contains("episode")).map(str::to_owned).collect::<Vec<_>>()
