@@ -38,7 +38,7 @@ fn plain_mujoco_repeats_the_reference_step_and_plays_an_episode() {
         return;
     }
     const SMALL: [&str; 2] = ["episodes=4", "training.warmup_episodes=2"];
-    let usual = vec!["objects=[\"cube\", \"disc\"]"];
+    let usual = vec!["objects=[\"cube\", \"disc\"]", "task.observe_fingertips=true"];
     // The gripper presses the disc, which a newer MuJoCo computes in another way unless it is told not to.
     let pressing = vec![
         "objects=[\"ellipsoid\", \"disc\"]",

@@ -52,7 +52,7 @@ impl Control {
     pub fn new(config: &RunConfig, actuators: HandActuators) -> Control {
         let [settle, total] = [config.synergy.settle, config.episodes as f64];
         // Later, too little of the training is left for a policy that begins anew.
-        let between = [settle * total, (1.0 + settle) / 2.0 * total];
+        let between = [settle * total, (settle + 0.75 * (1.0 - settle)) * total];
         Control {
             actuators,
             config: config.synergy.clone(),
