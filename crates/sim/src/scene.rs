@@ -71,7 +71,7 @@ impl Scene {
         let model = &hand.model;
         let mut root = element("mujoco", &[("model", format!("{}-{}", hand.manifest.name, object.name))]);
         append(&mut root, compiler(model));
-        append(&mut root, option(physics));
+        append(&mut root, hand_option(model, physics));
         append(&mut root, size(model, physics));
         append(&mut root, visual());
         append(&mut root, defaults(model));
@@ -181,6 +181,18 @@ fn option(physics: &PhysicsConfig) -> Element {
             ("iterations", physics.solver_iterations.to_string()),
         ],
     )
+}
+
+/// Returns the options, with the integrator that a hand needs whose servos feed velocity back: the usual one is not
+/// stable with much of it.
+fn hand_option(model: &Element, physics: &PhysicsConfig) -> Element {
+    const INTEGRATOR: &str = "integrator";
+    const IMPLICIT: &str = "implicit";
+    let mut option = option(physics);
+    if elements(model).any(|own| own.name == "option" && attribute(own, INTEGRATOR) == Some(IMPLICIT)) {
+        set(&mut option, INTEGRATOR, IMPLICIT);
+    }
+    option
 }
 
 /// Makes room for several times the contacts of a grasp. Each thread allocates this memory once for each object. Steps
