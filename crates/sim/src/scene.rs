@@ -409,3 +409,36 @@ fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, V
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Other options of a hand's file do not count; a hand that states none has the scene's usual integrator.
+    #[test]
+    fn a_scene_has_the_implicit_integrator_of_its_hand() {
+        let physics = PhysicsConfig {
+            timestep: 0.004,
+            substeps: 10,
+            cone: Cone::Elliptic,
+            impratio: 10.0,
+            noslip_iterations: 3,
+            solver_iterations: 20,
+            friction: [1.0, 1.0],
+            torsional_friction: 0.01,
+            rolling_friction: 0.002,
+            self_collision: false,
+        };
+        for (stated, expected) in [(None, None), (Some("RK4"), None), (Some("implicit"), Some("implicit"))] {
+            let mut model = Element::new("mujoco");
+            let mut own = element("option", &[("timestep", "1".to_owned())]);
+            if let Some(integrator) = stated {
+                set(&mut own, "integrator", integrator);
+            }
+            append(&mut model, own);
+            let option = hand_option(&model, &physics);
+            assert_eq!(attribute(&option, "integrator"), expected);
+            assert_eq!(attribute(&option, "timestep"), Some("0.004"));
+        }
+    }
+}
