@@ -104,7 +104,8 @@ pub fn new_hand(
     if let Some(arm) = arm(library, &imported.model, &imported.assets, &request.hints)? {
         imported.leave_out_arm(&arm.hand, &arm.joints, notes);
     }
-    let found = survey(library, &imported.model, &imported.assets, &request.hints)?;
+    let mut found = survey(library, &imported.model, &imported.assets, &request.hints)?;
+    found.moving.retain(|joint| !imported.passive.contains(joint));
     let tips = add_tips(&mut imported.model, &found);
     exclude_overlaps(&mut imported.model, &found, notes);
     clear_the_way(&mut imported.model, &found, notes);
