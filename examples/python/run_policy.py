@@ -177,6 +177,12 @@ class Scene:
         matrix = axes @ np.diag(self.half_sizes) @ axes.T
         return {f"shape_{'xyz'[i]}{'xyz'[j]}": matrix[i, j] for i in range(3) for j in range(i, 3)}
 
+    def fingertip(self, name, axis, origin):
+        """One coordinate of a fingertip, which is a site or a body, seen from a point."""
+        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, name)
+        place = self.data.site_xpos[site] if site >= 0 else self.data.xpos[self.id(mujoco.mjtObj.mjOBJ_BODY, name)]
+        return (place - origin)["xyz".index(axis)]
+
     def observe(self):
         qpos, qvel = self.data.qpos, self.data.qvel
         place, speed = qpos[self.object_qpos :][:7], qvel[self.object_dof :][:6]
@@ -188,6 +194,8 @@ class Scene:
             kind, name = source.split(":", 1)
             if kind == "object":
                 return known[name]
+            if kind == "fingertip":
+                return self.fingertip(*name.rsplit(":", 1), place[:3])
             joint = self.id(mujoco.mjtObj.mjOBJ_JOINT, name)
             if kind == "qpos":
                 return qpos[self.model.jnt_qposadr[joint]]

@@ -126,13 +126,13 @@ fn the_named_actor_is_handed_out() {
 
 #[test]
 fn without_finalists_the_last_policy_is_handed_out() {
-    // A constant rate and no confinement, so that a longer run learns the same up to the shorter one's end.
+    // A constant rate and a policy that stays in joint space, so that a longer run learns the same up to the shorter one's end.
     const CONSTANT: [&str; 5] = [
         "evaluation.finalists=0",
         "training.decay_start=1",
         "training.final_learning_rate=1",
         "training.noise_decay=[1, 1]",
-        "synergy.anneal=[1, 1]",
+        "synergy.settle=1",
     ];
     for (choice, name) in ACTORS {
         let actor = format!("evaluation.actor={choice}");

@@ -35,7 +35,7 @@ fn confinement_survives_a_stop_and_any_number_of_workers() {
         assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
     }
     // With two components, every other episode has one number.
-    let nested = [&LONGER[..], &["synergy.components=2", "synergy.anneal=[0.3, 0.8]", "synergy.motions=4"]].concat();
+    let nested = [&LONGER[..], &["synergy.components=2", "synergy.settle=0.4", "synergy.motions=4"]].concat();
     let both = Run::new(gripper_with_vane());
     let summary_of_both = both.train(&tiny(&nested));
     let run = stopped(&nested, 44);
@@ -47,8 +47,8 @@ fn confinement_survives_a_stop_and_any_number_of_workers() {
 
 #[test]
 fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
-    // Share of the commands outside the one component that the policy's map lets through: it is the lesser eigenvalue of the
-    // map of the hand's two actuators.
+    // Share of the commands outside the one component that the policy's map lets through: the trace of its last columns, from
+    // the free actions of the hand's two actuators to their own.
     let share = |changes: &[&str]| {
         let run = Run::new(gripper_with_vane());
         let config = tiny(&[&CONFINED[..], changes].concat());
@@ -56,17 +56,20 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
         let tensors = TensorMap::load_bytes(&run.bytes("policy.safetensors")).unwrap();
         let policy = Policy::import_tensors(&tensors, &config.learner.normalizer).unwrap();
         policy.map().map_or(1.0, |map| {
-            assert_eq!((map.n_outputs(), map.n_actions()), (3, 3));
-            let at = |row: usize, column: usize| f64::from(map.matrix()[3 * row + column]);
-            let (half_trace, determinant) = ((at(1, 1) + at(2, 2)) / 2.0, at(1, 1) * at(2, 2) - at(1, 2) * at(2, 1));
-            half_trace - (half_trace * half_trace - determinant).max(0.0).sqrt()
+            assert_eq!(map.n_actions(), 3);
+            let at = |row: usize, column: usize| f64::from(map.matrix()[map.n_outputs() * row + column]);
+            match map.n_outputs() {
+                2 => 0.0,
+                4 => at(1, 2) + at(2, 3),
+                n => panic!("{n} outputs"),
+            }
         })
     };
     for (changes, expected) in [
-        (["lambda=1", "synergy.anneal=[0.5, 0.9]"], 0.0),
-        (["lambda=0.75", "synergy.anneal=[0.5, 0.9]"], 0.25),
-        (["lambda=0", "synergy.anneal=[0.5, 0.9]"], 1.0),
-        (["lambda=1", "synergy.anneal=[1, 1]"], 1.0),
+        (["lambda=1", "synergy.settle=0.5"], 0.0),
+        (["lambda=0.75", "synergy.settle=0.5"], 0.25),
+        (["lambda=0", "synergy.settle=0.5"], 1.0),
+        (["lambda=1", "synergy.settle=1"], 1.0),
     ] {
         let found = share(&changes);
         assert!((found - expected).abs() < 1e-5, "{changes:?}: {found}");
@@ -76,17 +79,19 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
 #[test]
 fn a_confined_policy_has_the_frozen_space_and_learns_with_fewer_numbers() {
     let run = Run::new(gripper_with_vane());
-    let settings = ["lambda=1", "synergy.components=2", "synergy.anneal=[0.3, 0.6]", "synergy.motions=4"];
+    let settings = ["lambda=1", "synergy.components=2", "synergy.settle=0.3", "synergy.motions=4"];
     let config = tiny(&[&LONGER[..], &settings].concat());
     run.train(&config);
     let database = PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap();
     let (postures, motions) = (database.load().unwrap(), database.motions().unwrap());
     let by_episode: Vec<_> = motions.chunk_by(|a, b| a.episode == b.episode).collect();
     // The schedule of docs/algorithms.md.
-    let total = config.episodes as f64;
-    let start = (0.3 * total).max(by_episode[3][0].episode as f64 + 1.0);
-    let end = start + (0.3 * total).min((total - start) / 2.0);
-    let frozen: Vec<_> = by_episode.iter().filter(|motion| (motion[0].episode as f64) < end).collect();
+    let ready = |episode: u64| {
+        let known = by_episode.iter().filter(|motion| motion[0].episode < episode).count();
+        episode as f64 >= 0.3 * config.episodes as f64 && known >= 4
+    };
+    let settled = (0..config.episodes).step_by(config.training.episodes_per_cycle).find(|e| ready(*e)).unwrap();
+    let frozen: Vec<_> = by_episode.iter().filter(|motion| motion[0].episode < settled).collect();
     let samples: Vec<&Vec<f64>> =
         frozen[frozen.len() - 4..].iter().flat_map(|motion| motion.iter().map(|step| &step.command)).collect();
     let file = eigenhand_synergy::import(run.file("synergy")).unwrap().file;
@@ -105,8 +110,7 @@ fn a_confined_policy_has_the_frozen_space_and_learns_with_fewer_numbers() {
         }
     }
     // Every other episode has one number instead of two, which the policy is told.
-    let confined =
-        postures.iter().filter(|p| p.episode as f64 >= start + 2.0 * config.training.episodes_per_cycle as f64);
+    let confined = postures.iter().filter(|p| p.episode >= settled);
     let [even, odd]: [Vec<_>; 2] = [0, 1].map(|rest| confined.clone().filter(|p| p.episode % 2 == rest).collect());
     assert!(even.iter().any(|p| p.source == Source::Policy) && !odd.is_empty());
     assert!(odd.iter().all(|p| p.source == Source::Noise));
@@ -149,7 +153,7 @@ fn open(run: &Run, place: &TempDir) -> FinishedRun {
 fn the_space_that_is_measured_is_the_exported_one() {
     for lambda in ["lambda=0", "lambda=0.5", "lambda=1"] {
         let run = Run::new(gripper_with_vane());
-        run.train(&tiny(&[&LONGER[..], &[lambda, "synergy.components=2", "synergy.anneal=[0.3, 0.6]"]].concat()));
+        run.train(&tiny(&[&LONGER[..], &[lambda, "synergy.components=2", "synergy.settle=0.3"]].concat()));
         let place = TempDir::new().unwrap();
         let found = open(&run, &place).drive(0..=2, &Freedom::default(), 4, 3, 1, |_| {}).unwrap();
         let contribution = eigenhand_synergy::import(run.file("synergy")).unwrap().file.synergy.contribution().to_vec();

@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two. A test adds its own settings after them.
-pub const TINY: [&str; 39] = [
+pub const TINY: [&str; 40] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -67,8 +67,9 @@ pub const TINY: [&str; 39] = [
     "synergy.window=4",
     "synergy.penalty=literal",
     "synergy.motions=2",
-    "synergy.anneal=[0.5, 0.9]",
+    "synergy.settle=0.5",
     "task.steps=30",
+    "task.observe_fingertips=false",
     "task.final_steps=1",
     "task.goal_height=[0.02, 0.05]",
     "task.object_range=0.005",
@@ -89,7 +90,7 @@ pub const TINY: [&str; 39] = [
 ];
 
 /// Enough episodes and updates for a policy that succeeds by itself; a scripted success is no part of a synergy.
-pub const LONGER: [&str; 3] = ["episodes=60", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
+pub const LONGER: [&str; 3] = ["episodes=120", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
 
 /// A vane, and the actuator that turns it: with it, one component cannot give all commands of the gripper.
 pub const VANE: &str = r#"<body name="vane" pos="0 0 0.05">

@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 use std::sync::Arc;
 
-use eigenhand_hands::Hand;
+use eigenhand_hands::{FrameKind, Hand};
 use eigenhand_mujoco::{Model, WarningCounts};
 use eigenhand_rl::rng;
 use eigenhand_sim::{GraspEnv, GraspTask, ObjectSet, Shape};
@@ -115,7 +115,7 @@ fn the_shape_is_that_of_the_turned_object_and_the_same_for_its_symmetric_poses()
 }
 
 #[test]
-fn the_observation_ends_with_the_shape_when_it_is_asked_for() {
+fn the_observation_has_fingertips_and_shape_when_they_are_asked_for() {
     let hand = gripper();
     let with = full_task(&hand);
     let mut layers = Layers::new(Preset::Paper).unwrap();
@@ -123,7 +123,7 @@ fn the_observation_ends_with_the_shape_when_it_is_asked_for() {
     let without = task(&layers.resolve().unwrap(), &hand);
     // Paper, section 3.1: angles and velocities of the joints, the object's pose, velocity and number.
     assert_eq!(without.observation_len(), 2 * without.posture_joints.len() + 14);
-    assert_eq!(with.observation_len(), without.observation_len() + 6);
+    assert_eq!(with.observation_len(), without.observation_len() + 6 + 3 * hand.fingertips.len());
 
     let mut env = GraspEnv::new(&with).unwrap();
     let setup = 4;
@@ -136,6 +136,17 @@ fn the_observation_ends_with_the_shape_when_it_is_asked_for() {
     for (name, expected) in ["xx", "yy", "zz", "xy", "xz", "yz"].into_iter().zip(expected) {
         let got = f64::from(observation[at(&format!("object:shape_{name}"))]);
         assert!((got - expected).abs() < 1e-6, "{name}: {got}, expected {expected}");
+    }
+    let data = env.simulation();
+    for tip in &hand.fingertips {
+        let place = match tip.kind {
+            FrameKind::Body => data.body_position(data.model().body(&tip.name).unwrap()),
+            FrameKind::Site => data.site_position(data.model().site(&tip.name).unwrap()),
+        };
+        for (axis, (place, object)) in ["x", "y", "z"].into_iter().zip(place.iter().zip(env.achieved_goal())) {
+            let got = f64::from(observation[at(&format!("fingertip:{}:{axis}", tip.name))]);
+            assert!((got - (place - f64::from(object))).abs() < 1e-6, "{}: {got}", tip.name);
+        }
     }
 }
 

@@ -155,7 +155,8 @@ pub fn new_hand(
     if let Some(others) = other_hands(library, &imported.model, &imported.assets, &request.hints)? {
         leave_out_others(&mut imported, &others, notes);
     }
-    let surveys = survey(library, &imported.model, &imported.assets, &request.hints)?;
+    let mut surveys = survey(library, &imported.model, &imported.assets, &request.hints)?;
+    surveys.iter_mut().for_each(|found| found.moving.retain(|joint| !imported.passive.contains(joint)));
     let drafts: Vec<Draft> =
         surveys.into_iter().map(|found| Draft::new(request, &imported.model, found, notes)).collect();
     let report = write(request, &mut imported, drafts, &Trials { library, setting, heard })?;

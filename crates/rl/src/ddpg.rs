@@ -188,6 +188,15 @@ impl Ddpg {
         })
     }
 
+    /// Returns a learner with fresh networks of other sizes, which keeps the configuration and the statistics of the inputs.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn begin_anew(&self, dimensions: Dimensions, rng: &mut impl Rng) -> Result<Self, RlError> {
+        let (observation, goal) = (self.observation.clone(), self.goal.clone());
+        Ok(Self { observation, goal, ..Self::new(self.config.clone(), dimensions, rng)? })
+    }
+
     /// Adds rows to the statistics of the inputs.
     ///
     /// # Shapes

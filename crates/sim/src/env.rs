@@ -300,6 +300,7 @@ impl GraspEnv {
         let orientation = std::array::from_fn(|i| pose[3 + i]);
         let relative = self.drawn.scale / middle(self.task.config.object_scale);
         let shape = self.task.config.observe_shape.then(|| scene.shape_along_axes(orientation).map(|h| h * relative));
+        let tips = at.tips.iter().filter(|_| self.task.config.observe_fingertips);
         let values = at
             .posture_qpos
             .iter()
@@ -307,6 +308,10 @@ impl GraspEnv {
             .chain(at.posture_dof.iter().map(|&i| qvel[i]))
             .chain(pose)
             .chain(qvel[at.object_dof..at.object_dof + 6].iter().copied())
+            .chain(tips.flat_map(|tip| {
+                let place = tip.position(data);
+                [place.x - pose[0], place.y - pose[1], place.z - pose[2]]
+            }))
             .chain(self.task.config.observe_id.then_some(scene.object.id as f64))
             .chain(shape.into_iter().flatten());
         for (out, value) in observation.iter_mut().zip(values) {

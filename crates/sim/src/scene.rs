@@ -71,7 +71,7 @@ impl Scene {
         let model = &hand.model;
         let mut root = element("mujoco", &[("model", format!("{}-{}", hand.manifest.name, object.name))]);
         append(&mut root, compiler(model));
-        append(&mut root, option(physics));
+        append(&mut root, hand_option(model, physics));
         append(&mut root, size(model, physics));
         append(&mut root, visual());
         append(&mut root, defaults(model));
@@ -181,6 +181,18 @@ fn option(physics: &PhysicsConfig) -> Element {
             ("iterations", physics.solver_iterations.to_string()),
         ],
     )
+}
+
+/// Returns the options, with the integrator that a hand needs whose servos feed velocity back: the usual one is not
+/// stable with much of it.
+fn hand_option(model: &Element, physics: &PhysicsConfig) -> Element {
+    const INTEGRATOR: &str = "integrator";
+    const IMPLICIT: &str = "implicit";
+    let mut option = option(physics);
+    if elements(model).any(|own| own.name == "option" && attribute(own, INTEGRATOR) == Some(IMPLICIT)) {
+        set(&mut option, INTEGRATOR, IMPLICIT);
+    }
+    option
 }
 
 /// Makes room for several times the contacts of a grasp. Each thread allocates this memory once for each object. Steps
@@ -396,4 +408,37 @@ fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, V
         assets.push((renamed, bytes));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Other options of a hand's file do not count; a hand that states none has the scene's usual integrator.
+    #[test]
+    fn a_scene_has_the_implicit_integrator_of_its_hand() {
+        let physics = PhysicsConfig {
+            timestep: 0.004,
+            substeps: 10,
+            cone: Cone::Elliptic,
+            impratio: 10.0,
+            noslip_iterations: 3,
+            solver_iterations: 20,
+            friction: [1.0, 1.0],
+            torsional_friction: 0.01,
+            rolling_friction: 0.002,
+            self_collision: false,
+        };
+        for (stated, expected) in [(None, None), (Some("RK4"), None), (Some("implicit"), Some("implicit"))] {
+            let mut model = Element::new("mujoco");
+            let mut own = element("option", &[("timestep", "1".to_owned())]);
+            if let Some(integrator) = stated {
+                set(&mut own, "integrator", integrator);
+            }
+            append(&mut model, own);
+            let option = hand_option(&model, &physics);
+            assert_eq!(attribute(&option, "integrator"), expected);
+            assert_eq!(attribute(&option, "timestep"), Some("0.004"));
+        }
+    }
 }

@@ -74,8 +74,10 @@ impl SelfContacts {
         let complete = apply_to_body(mount, &mut bits, &mut bodies) && bits.next().is_none();
         complete.then_some(()).ok_or_else(|| SimError::Hand {
             hand: hand.manifest.name.clone(),
-            reason: "physics.self_collision = true needs a model that states every geom as a <geom> of its own body"
-                .to_owned(),
+            reason:
+                "with physics.self_collision, the model must state every geom as a <geom> of its own body: do so, or \
+                     switch it off (--set physics.self_collision=false)"
+                    .to_owned(),
         })
     }
 

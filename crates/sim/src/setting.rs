@@ -37,6 +37,8 @@ pub struct TaskConfig {
     pub closed_start: [f64; 2],
     /// Time in s that a dropped object has to come to rest.
     pub settle_time: f64,
+    /// Whether the observation has the place of every fingertip, seen from the object.
+    pub observe_fingertips: bool,
     /// Whether the observation has the number of the object.
     pub observe_id: bool,
     /// Whether the observation ends with the object's shape; see [`ObjectScene::shape_along_axes`](crate::ObjectScene::shape_along_axes).

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use eigenhand_hands::{Hand, JointInfo, Unit};
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
+use eigenhand_hands::{Fingertip, FrameKind, Hand, JointInfo, Unit};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde::Serialize;
 
 use crate::SimError;
@@ -14,7 +14,7 @@ use crate::reward::RewardConfig;
 use crate::scene::{MOUNT, OBJECT_GEOM, OBJECT_JOINT, PLANE, Scene, resting_scene};
 use crate::self_contacts::SelfContacts;
 use crate::setting::{Factors, Setting, TaskConfig, middle};
-use eigenhand_mujoco::{Data, GeomId, Model, MuJoCo};
+use eigenhand_mujoco::{BodyId, Data, GeomId, Model, MuJoCo, MuJoCoError, SiteId};
 
 /// One entry of the observation.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -36,8 +36,33 @@ pub(crate) struct Addresses {
     pub is_hand: Vec<bool>,
     pub slide_qpos: usize,
     pub slide_ctrl: usize,
+    pub tips: Vec<Frame>,
     /// `qpos` of the whole scene with the hand open and the slide at its start.
     pub start_qpos: Vec<f64>,
+}
+
+/// A frame of the hand whose place is read.
+#[derive(Clone, Copy)]
+pub(crate) enum Frame {
+    Body(BodyId),
+    Site(SiteId),
+}
+
+impl Frame {
+    fn of(model: &Model, tip: &Fingertip) -> Result<Frame, MuJoCoError> {
+        Ok(match tip.kind {
+            FrameKind::Body => Frame::Body(model.body(&tip.name)?),
+            FrameKind::Site => Frame::Site(model.site(&tip.name)?),
+        })
+    }
+
+    /// Returns the frame's place in m.
+    pub fn position(self, data: &Data) -> Vector3<f64> {
+        match self {
+            Frame::Body(id) => data.body_position(id),
+            Frame::Site(id) => data.site_position(id),
+        }
+    }
 }
 
 /// One object's compiled scene.
@@ -70,6 +95,8 @@ pub struct GraspTask {
     pub scenes: Vec<ObjectScene>,
     /// The posture's joints, in order.
     pub posture_joints: Vec<JointInfo>,
+    /// Names of the fingertips, in order.
+    pub fingertips: Vec<String>,
     /// Names of the actuators, in the order of the action.
     pub actuators: Vec<String>,
     /// Control range of every actuator, in the order of the action.
@@ -185,6 +212,7 @@ impl GraspTask {
             reward,
             factors: Factors::NONE,
             posture_joints: hand.posture.clone(),
+            fingertips: hand.fingertips.iter().map(|tip| tip.name.clone()).collect(),
             actuators,
             control_ranges,
             start_ctrl,
@@ -225,7 +253,8 @@ impl GraspTask {
     pub fn observation_len(&self) -> usize {
         let shape = if self.config.observe_shape { SHAPE_ENTRIES.len() } else { 0 };
         let id = usize::from(self.config.observe_id);
-        2 * self.posture_joints.len() + OBJECT_ENTRIES.len() + id + shape
+        let tips = if self.config.observe_fingertips { 3 * self.fingertips.len() } else { 0 };
+        2 * self.posture_joints.len() + OBJECT_ENTRIES.len() + tips + id + shape
     }
 
     /// Returns the number of values of an action.
@@ -246,10 +275,13 @@ impl GraspTask {
             })
         };
         let object = OBJECT_ENTRIES.map(|(name, unit)| ObservationEntry { name: name.to_owned(), unit });
+        let tips = self.fingertips.iter().filter(|_| self.config.observe_fingertips).flat_map(|tip| {
+            ["x", "y", "z"].map(|axis| ObservationEntry { name: format!("fingertip:{tip}:{axis}"), unit: "m" })
+        });
         let id = self.config.observe_id.then(|| ObservationEntry { name: ID_ENTRY.to_owned(), unit: "1" });
         let shape = SHAPE_ENTRIES.iter().filter(|_| self.config.observe_shape);
         let shape = shape.map(|&name| ObservationEntry { name: name.to_owned(), unit: "m" });
-        joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(id).chain(shape).collect()
+        joints("qpos", false).chain(joints("qvel", true)).chain(object).chain(tips).chain(id).chain(shape).collect()
     }
 
     /// Returns the index of the slide's actuator in an action.
@@ -370,6 +402,7 @@ impl Addresses {
             is_hand: model.geoms_below(model.body(MOUNT)?),
             slide_qpos: model.qpos_address(slide),
             slide_ctrl: model.actuator(&hand.manifest.slide.name)?.index(),
+            tips: hand.fingertips.iter().map(|tip| Frame::of(model, tip)).collect::<Result<_, _>>()?,
             start_qpos,
         })
     }

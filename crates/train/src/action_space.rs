@@ -1,12 +1,12 @@
-//! The numbers that a policy commands: one for each actuator, or the few of a synergy that was made before.
+//! The numbers that a policy commands: one for each actuator, or the few of a synergy.
 
 use std::path::{Path, PathBuf};
 
 use eigenhand_files::write_atomically;
 use eigenhand_hands::Hand;
-use eigenhand_rl::{ActionDimension, ActionMap, Coordination};
+use eigenhand_rl::{ActionDimension, Coordination, Numbers};
 use eigenhand_sim::GraspTask;
-use eigenhand_synergy::{Space, SynergyFile};
+use eigenhand_synergy::{Space, Synergy, SynergyFile};
 use serde::{Deserialize, Serialize};
 
 use crate::actuators::HandActuators;
@@ -27,15 +27,97 @@ pub enum ActionSpace {
 /// Copy of the synergy in the run directory, so that the run can be resumed without the original.
 const COPY: &str = "action-space.toml";
 
-/// The space of a given synergy as a policy commands it: K numbers in [-1, 1] that span the range of the synergy's samples,
-/// and the slide.
+/// What the outputs of a policy that acts in a synergy mean: K numbers in [-1, 1] that span the range of the synergy's
+/// samples, the slide, and perhaps a rest outside the synergy, see [`HandActuators::act_in`].
+#[derive(Clone, Debug)]
+pub struct Outputs {
+    /// The maps to actions, in the order of their turns. The first has all numbers.
+    pub numbers: Vec<Numbers>,
+    /// The role of each output in exploration.
+    pub dimensions: Vec<ActionDimension>,
+}
+
+impl Outputs {
+    /// (synergy of the hand's commands, number of its components, factor on the rest, whether fewer numbers take turns) => the
+    /// outputs
+    ///
+    /// With fewer numbers, every other turn is that of all, and the others are those of the first, the first two, and so
+    /// on.
+    ///
+    /// # Errors
+    /// [`TrainError::Rl`] for numbers that are not finite.
+    pub fn of(
+        synergy: &Synergy,
+        k: usize,
+        rest: f64,
+        with_fewer: bool,
+        roles: &Roles<'_>,
+    ) -> Result<Outputs, TrainError> {
+        let Roles { actuators, task, per_actuator } = roles;
+        let turn = |fewer: Option<usize>| -> Result<Numbers, TrainError> {
+            Ok(Numbers { map: actuators.act_in(synergy, [fewer.unwrap_or(k), k], rest)?, fewer })
+        };
+        let numbers = if with_fewer && k > 1 {
+            (1..k).flat_map(|fewer| [None, Some(fewer)]).map(turn).collect::<Result<_, _>>()?
+        } else {
+            vec![turn(None)?]
+        };
+        // (action of each actuator) => the outputs whose numbers are nearest to its commands
+        let nearest = |action: &[f32]| -> Vec<f32> {
+            let z = synergy.encode(&actuators.commands(action));
+            let range = |i: usize| (synergy.coefficient_min()[i], synergy.coefficient_max()[i]);
+            let output = |i: usize| match range(i) {
+                (low, high) if high > low => ((2.0 * z[i] - low - high) / (high - low)).clamp(-1.0, 1.0) as f32,
+                _ => 0.0,
+            };
+            (0..k).map(output).collect()
+        };
+        let start: Vec<f32> = per_actuator.iter().map(|dimension| dimension.start).collect();
+        let closed: Vec<f32> = per_actuator
+            .iter()
+            .map(|dimension| match dimension.coordination {
+                Coordination::Together(sign) => sign,
+                Coordination::Free | Coordination::Ends => dimension.start,
+            })
+            .collect();
+        let coordinated = per_actuator.iter().any(|d| matches!(d.coordination, Coordination::Together(_)));
+        let mut dimensions: Vec<ActionDimension> = nearest(&start)
+            .into_iter()
+            .zip(nearest(&closed))
+            .map(|(start, closed)| ActionDimension {
+                hold_scale: 1.0,
+                coordination: if coordinated { Coordination::Together(closed) } else { Coordination::Free },
+                start,
+            })
+            .collect();
+        dimensions.push(per_actuator[task.slide_action()]);
+        if rest > 0.0 {
+            dimensions.extend(actuators.actions().iter().map(|&action| per_actuator[action]));
+        }
+        Ok(Outputs { numbers, dimensions })
+    }
+}
+
+/// A hand's actuators, and the role of each action in exploration.
+pub struct Roles<'a> {
+    actuators: &'a HandActuators,
+    task: &'a GraspTask,
+    per_actuator: Vec<ActionDimension>,
+}
+
+impl<'a> Roles<'a> {
+    /// Returns the roles that a configuration gives a hand's actuators.
+    pub fn of(config: &RunConfig, hand: &Hand, task: &'a GraspTask, actuators: &'a HandActuators) -> Roles<'a> {
+        Roles { actuators, task, per_actuator: dimensions(hand, task, config.training.slide_hold) }
+    }
+}
+
+/// The space of a synergy that was made before, as a policy commands it.
 #[derive(Clone, Debug)]
 pub struct SynergySpace {
     file: SynergyFile,
-    /// From the K numbers and the slide to actions.
-    pub map: ActionMap,
-    /// The role of each number in exploration.
-    pub dimensions: Vec<ActionDimension>,
+    /// The policy's outputs.
+    pub outputs: Outputs,
 }
 
 impl SynergySpace {
@@ -101,45 +183,8 @@ impl SynergySpace {
                 file.synergy.n_components()
             )));
         }
-        let per_actuator = dimensions(hand, task, config.training.slide_hold);
-        let synergy = &file.synergy;
-        let n = synergy.n_joints();
-        let half: Vec<f64> =
-            (0..k).map(|i| (synergy.coefficient_max()[i] - synergy.coefficient_min()[i]) / 2.0).collect();
-        let middle: Vec<f64> =
-            (0..k).map(|i| (synergy.coefficient_max()[i] + synergy.coefficient_min()[i]) / 2.0).collect();
-        let rows: Vec<Vec<f64>> = (0..k).map(|i| synergy.component(i).iter().map(|c| c * half[i]).collect()).collect();
-        let centre: Vec<f64> = (0..n)
-            .map(|j| synergy.mean()[j] + (0..k).map(|i| middle[i] * synergy.component(i)[j]).sum::<f64>())
-            .collect();
-        let map = actuators.map_of_numbers(&centre, &rows)?;
-        // (action of each actuator) => the numbers nearest to its commands
-        let numbers = |action: &[f32]| -> Vec<f32> {
-            let z = synergy.encode(&actuators.commands(action));
-            (0..k)
-                .map(|i| if half[i] > 0.0 { ((z[i] - middle[i]) / half[i]).clamp(-1.0, 1.0) as f32 } else { 0.0 })
-                .collect()
-        };
-        let start: Vec<f32> = per_actuator.iter().map(|dimension| dimension.start).collect();
-        let closed: Vec<f32> = per_actuator
-            .iter()
-            .map(|dimension| match dimension.coordination {
-                Coordination::Together(sign) => sign,
-                Coordination::Free | Coordination::Ends => dimension.start,
-            })
-            .collect();
-        let coordinated = per_actuator.iter().any(|d| matches!(d.coordination, Coordination::Together(_)));
-        let mut dimensions: Vec<ActionDimension> = numbers(&start)
-            .into_iter()
-            .zip(numbers(&closed))
-            .map(|(start, closed)| ActionDimension {
-                hold_scale: 1.0,
-                coordination: if coordinated { Coordination::Together(closed) } else { Coordination::Free },
-                start,
-            })
-            .collect();
-        dimensions.push(per_actuator[task.slide_action()]);
-        Ok(SynergySpace { map, dimensions, file })
+        let roles = Roles::of(config, hand, task, &actuators);
+        Ok(SynergySpace { outputs: Outputs::of(&file.synergy, k, 0.0, false, &roles)?, file })
     }
 }
 

@@ -48,6 +48,11 @@ impl HandActuators {
         }
     }
 
+    /// Returns the index of each in an action.
+    pub fn actions(&self) -> &[usize] {
+        &self.actions
+    }
+
     fn centre_and_half(&self) -> impl Iterator<Item = (f64, f64)> {
         self.coordinates.iter().map(|c| ((c.upper + c.lower) / 2.0, (c.upper - c.lower) / 2.0))
     }
@@ -97,27 +102,41 @@ impl HandActuators {
         })
     }
 
-    /// Returns the map from numbers, the slide's action last, to actions: the commands are `centre + numbers rows`.
+    /// Returns the map from a policy's outputs to actions: `k` numbers, the slide's action, and, if `rest` is above 0, the
+    /// action of every coordinate, of which the part outside the space is added with the factor `rest`.
     ///
-    /// # Shapes
-    /// For `n` coordinates: `centre` n, each of `rows` n, in the actuators' units.
+    /// A number goes from the lowest to the highest value of the space's samples while its output goes from -1 to 1. Only
+    /// the first `used` outputs of the `k` have an effect; the other numbers are 0.
     ///
     /// # Errors
     /// [`TrainError::Rl`] for numbers that are not finite.
-    pub fn map_of_numbers(&self, centre: &[f64], rows: &[Vec<f64>]) -> Result<ActionMap, TrainError> {
-        let n_outputs = rows.len() + 1;
+    pub fn act_in(&self, space: &Synergy, [used, k]: [usize; 2], rest: f64) -> Result<ActionMap, TrainError> {
+        let n = self.coordinates.len();
+        let n_outputs = k + 1 + if rest > 0.0 { n } else { 0 };
         let mut matrix = vec![0.0f32; self.n_actions * n_outputs];
         let mut offset = vec![0.0f32; self.n_actions];
         for action in (0..self.n_actions).filter(|action| !self.actions.contains(action)) {
-            matrix[action * n_outputs + rows.len()] = 1.0;
+            matrix[action * n_outputs + k] = 1.0;
         }
-        for ((i, &action), (middle, half)) in self.actions.iter().enumerate().zip(self.centre_and_half()) {
-            if half > 0.0 {
-                offset[action] = ((centre[i] - middle) / half) as f32;
-                for (output, row) in rows.iter().enumerate() {
-                    matrix[action * n_outputs + output] = (row[i] / half) as f32;
-                }
+        let range = |c: usize| (space.coefficient_min()[c], space.coefficient_max()[c]);
+        let scales: Vec<(f64, f64)> = self.centre_and_half().collect();
+        for (i, &action) in self.actions.iter().enumerate().filter(|(i, _)| scales[*i].1 > 0.0) {
+            let (centre, half) = scales[i];
+            let row = &mut matrix[action * n_outputs..][..n_outputs];
+            let mut command = space.mean()[i];
+            for c in 0..used {
+                let ((low, high), weight) = (range(c), space.component(c)[i]);
+                row[c] = (weight * (high - low) / 2.0 / half) as f32;
+                command += weight * (high + low) / 2.0;
             }
+            // The part of the rest that lies outside the space.
+            for (j, out) in row.iter_mut().skip(k + 1).enumerate() {
+                let inside: f64 = (0..k).map(|c| space.component(c)[i] * space.component(c)[j]).sum();
+                let outside = rest * (if i == j { 1.0 } else { 0.0 } - inside);
+                *out = (outside * scales[j].1 / half) as f32;
+                command += outside * (scales[j].0 - space.mean()[j]);
+            }
+            offset[action] = ((command - centre) / half) as f32;
         }
         Ok(ActionMap::new(matrix, offset, n_outputs)?)
     }
@@ -130,36 +149,6 @@ impl HandActuators {
     /// # Errors
     /// [`TrainError::Rl`] for numbers that are not finite.
     pub fn project(&self, mean: &[f64], rows: &[f64]) -> Result<ActionMap, TrainError> {
-        let numbers = rows.chunks_exact(self.coordinates.len()).map(|row| {
-            let from_mean: f64 =
-                row.iter().zip(self.centre_and_half()).zip(mean).map(|((c, (u, _)), m)| c * (u - m)).sum();
-            Number { row, middle: from_mean, scale: 1.0 }
-        });
-        self.mix(0.0, mean, &numbers.collect::<Vec<_>>())
-    }
-
-    /// Returns the map that moves an action's commands towards the first `k` numbers of a space, each in the range of the
-    /// space's samples: for `rest` = 0 there are only these numbers, for `rest` = 1 the commands stay. The slide's action
-    /// stays as it is.
-    ///
-    /// Number `i` is `middle + scale c (u - centre)` for the commands `u`, with the component `c`, the middle of the samples'
-    /// range, and the middle `centre` of the actuators' ranges. With `scale`, at most 1, all commands together give no more
-    /// than that range.
-    ///
-    /// # Errors
-    /// [`TrainError::Rl`] for numbers that are not finite.
-    pub fn confine(&self, space: &Synergy, k: usize, rest: f64) -> Result<ActionMap, TrainError> {
-        let numbers = (0..k).map(|i| {
-            let (row, low, high) = (space.component(i), space.coefficient_min()[i], space.coefficient_max()[i]);
-            let reach: f64 = row.iter().zip(self.centre_and_half()).map(|(c, (_, half))| c.abs() * half).sum();
-            let scale = if reach > 0.0 { ((high - low) / 2.0 / reach).min(1.0) } else { 1.0 };
-            Number { row, middle: (low + high) / 2.0, scale }
-        });
-        self.mix(rest, space.mean(), &numbers.collect::<Vec<_>>())
-    }
-
-    /// Returns the map to the commands `rest u + (1 - rest) (mean + numbers rows)`.
-    fn mix(&self, rest: f64, mean: &[f64], numbers: &[Number]) -> Result<ActionMap, TrainError> {
         let n_actions = self.n_actions;
         let scales: Vec<(f64, f64)> = self.centre_and_half().collect();
         let mut matrix = vec![0.0f32; n_actions * n_actions];
@@ -167,28 +156,18 @@ impl HandActuators {
         for i in 0..n_actions {
             matrix[i * n_actions + i] = 1.0;
         }
-        for (i, &action) in self.actions.iter().enumerate() {
+        for (i, &action) in self.actions.iter().enumerate().filter(|(i, _)| scales[*i].1 > 0.0) {
             let (centre, half) = scales[i];
-            if half <= 0.0 {
-                continue;
-            }
+            let mut command = mean[i];
             for (j, &other) in self.actions.iter().enumerate() {
-                let linear: f64 = numbers.iter().map(|number| number.scale * number.row[i] * number.row[j]).sum();
-                let same = if i == j { rest } else { 0.0 };
-                matrix[action * n_actions + other] = (same + (1.0 - rest) * linear * scales[j].1 / half) as f32;
+                let weight: f64 = rows.chunks_exact(self.coordinates.len()).map(|row| row[i] * row[j]).sum();
+                matrix[action * n_actions + other] = (weight * scales[j].1 / half) as f32;
+                command += weight * (scales[j].0 - mean[j]);
             }
-            let middle: f64 = mean[i] + numbers.iter().map(|number| number.middle * number.row[i]).sum::<f64>();
-            offset[action] = ((1.0 - rest) * (middle - centre) / half) as f32;
+            offset[action] = ((command - centre) / half) as f32;
         }
         Ok(ActionMap::new(matrix, offset, n_actions)?)
     }
-}
-
-/// A number `middle + scale row (u - centre)` that commands `u` give, with the middle `centre` of the actuators' ranges.
-struct Number<'a> {
-    row: &'a [f64],
-    middle: f64,
-    scale: f64,
 }
 
 #[cfg(test)]
@@ -225,40 +204,31 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn confined_commands_are_as_far_outside_the_space_as_asked_and_fill_the_range_of_its_samples() {
+    fn numbers_fill_the_range_of_the_samples_and_the_rest_lies_outside_the_space() {
         let hand = actuators();
         let samples = [[0.0, 0.1, 2.1], [2.0, 0.3, 2.4], [1.0, 0.4, 2.2], [0.5, 0.2, 2.3]];
         let space = Synergy::fit(&hand.coordinates, &samples, 2).unwrap();
-        // The numbers after the first `k` are 0.
-        let numbers = |commands: &[f64], k: usize| -> Vec<f64> {
-            space.encode(commands).into_iter().enumerate().map(|(i, z)| if i < k { z } else { 0.0 }).collect()
-        };
         let [low, high] = [space.coefficient_min(), space.coefficient_max()];
-        for k in [1, 2] {
-            let confined = hand.confine(&space, k, 0.0).unwrap();
-            for action in ACTIONS {
-                let all = hand.commands(&mapped(&confined, &action));
-                assert_near(&space.decode(&numbers(&all, k)), &all);
-                assert!(
-                    numbers(&all, k).iter().take(k).enumerate().all(|(i, z)| (low[i]..=high[i]).contains(z)),
-                    "{all:?}"
-                );
-                for rest in [0.25, 1.0] {
-                    let found = mapped(&hand.confine(&space, k, rest).unwrap(), &action);
-                    let free = hand.commands(&action).into_iter().zip(&all);
-                    let expected: Vec<f64> = free.map(|(free, all)| rest * free + (1.0 - rest) * all).collect();
-                    assert_near(&hand.commands(&found), &expected);
-                    assert_eq!(found[1], action[1], "the slide is free");
-                }
+        let outputs = [[0.5, -0.25], [1.0, -1.0], [-1.0, 0.75]];
+        for used in [1, 2] {
+            let map = hand.act_in(&space, [used, 2], 0.0).unwrap();
+            for [first, second] in outputs {
+                let action = mapped(&map, &[first, second, 0.25]);
+                let number = |i: usize, output: f32| low[i] + (high[i] - low[i]) * (f64::from(output) + 1.0) / 2.0;
+                let expected = [number(0, first), if used == 2 { number(1, second) } else { 0.0 }];
+                assert_near(&hand.commands(&action), &space.decode(&expected));
+                assert_eq!(action[1], 0.25, "the slide is free");
             }
-            // The actions that move each actuator towards a component give the end of the range.
-            for i in 0..k {
-                for (sign, end) in [(1.0, high[i]), (-1.0, low[i])] {
-                    let toward = |j: usize| sign * space.component(i)[j].signum() as f32;
-                    let found = hand.commands(&mapped(&confined, &[toward(0), 0.0, toward(1), toward(2)]));
-                    assert!((space.encode(&found)[i] - end).abs() < 1e-4, "{i}: {found:?} {end}");
-                }
-            }
+        }
+        for (action, rest) in ACTIONS.iter().zip([0.25, 0.5, 1.0]) {
+            let free = [action[0], action[2], action[3]];
+            let map = hand.act_in(&space, [2, 2], rest).unwrap();
+            let found = hand.commands(&mapped(&map, &[&[0.5, -0.25, action[1]], &free[..]].concat()));
+            let within = hand.commands(&mapped(&hand.act_in(&space, [2, 2], 0.0).unwrap(), &[0.5, -0.25, action[1]]));
+            let commands = hand.commands(action);
+            let inside = space.decode(&space.encode(&commands));
+            let expected: Vec<f64> = (0..3).map(|i| within[i] + rest * (commands[i] - inside[i])).collect();
+            assert_near(&found, &expected);
         }
     }
 
@@ -277,17 +247,6 @@ pub(crate) mod tests {
         }
         let constant = hand.project(&mean, &[]).unwrap();
         ACTIONS.iter().for_each(|action| assert_near(&hand.commands(&mapped(&constant, action)), &mean));
-    }
-
-    #[test]
-    fn numbers_command_what_the_rows_say_and_the_last_one_is_the_slides() {
-        let hand = actuators();
-        let (centre, rows) = ([0.5, 0.3, 2.2], [vec![0.6, 0.1, 0.8], vec![-0.2, 0.05, 0.1]]);
-        let map = hand.map_of_numbers(&centre, &rows).unwrap();
-        let action = mapped(&map, &[0.5, -1.0, 0.25]);
-        let expected: Vec<f64> = (0..3).map(|i| centre[i] + 0.5 * rows[0][i] - rows[1][i]).collect();
-        assert_near(&hand.commands(&action), &expected);
-        assert_eq!(action[1], 0.25);
     }
 
     #[test]

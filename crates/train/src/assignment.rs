@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
-use eigenhand_rl::{Dimensions, Numbers};
+use eigenhand_rl::Dimensions;
 use eigenhand_sim::GraspTask;
 
-use crate::action_space::SynergySpace;
+use crate::action_space::{Outputs, SynergySpace};
 use crate::config::RunConfig;
 use crate::provenance::Provenance;
 use crate::rollout::episode_shape;
@@ -31,17 +31,15 @@ pub struct Assignment {
 }
 
 impl Assignment {
-    /// Returns the sizes of the learner.
-    pub(crate) fn dimensions(&self) -> Dimensions {
+    /// (outputs of a policy that acts in a synergy; none if it commands every actuator) => the sizes of the learner
+    pub(crate) fn dimensions(&self, outputs: Option<&Outputs>) -> Dimensions {
         let dimensions = Dimensions::of(episode_shape(&self.task));
-        let n_outputs = self.space.as_ref().map_or(dimensions.n_outputs, |space| space.map.n_outputs());
-        // Of a single number there are no fewer.
-        let numbers = self.config.synergy.components.min(self.hand.actuators.len());
-        Dimensions { n_outputs, told_numbers: self.config.confines() && numbers > 1, ..dimensions }
-    }
-
-    /// Returns the numbers in which the policy acts from its first episode on; none if it commands every actuator.
-    pub(crate) fn numbers(&self) -> Vec<Numbers> {
-        self.space.iter().map(|space| Numbers { map: space.map.clone(), fewer: None }).collect()
+        match outputs {
+            None => dimensions,
+            Some(Outputs { numbers, dimensions: outputs }) => {
+                let told_numbers = numbers.iter().any(|numbers| numbers.fewer.is_some());
+                Dimensions { n_outputs: outputs.len(), told_numbers, ..dimensions }
+            }
+        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use eigenhand_rl::Policy;
+use eigenhand_rl::{ActionMap, Policy};
 use eigenhand_sim::GraspTask;
 use eigenhand_synergy::{Content, MotionRecord, Synergy};
 
@@ -49,10 +49,10 @@ impl Trainer {
         let (policy, policy_episode) = self.choose_policy(complete)?;
         let motions = self.motions_of(&policy, complete)?;
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
-        let episode = self.counters.episodes;
-        let frozen = self.control.is_frozen_for(episode, &policy)?;
-        let with_fewer = if frozen && complete { self.motions_with_fewer_numbers(&policy)? } else { Vec::new() };
-        let described = if frozen { self.control.fitted(episode).to_vec() } else { motions.clone() };
+        let settled_at = self.control.settled_at().filter(|_| policy.map() == self.map_of_numbers());
+        let with_fewer =
+            if settled_at.is_some() && complete { self.motions_with_fewer_numbers(&policy)? } else { Vec::new() };
+        let described = settled_at.map_or_else(|| motions.clone(), |episode| self.control.newest(episode).to_vec());
         let space = control_space(&self.control.actuators.coordinates, &described, most)?;
         let mut evaluation = None;
         let mut success_with_components = Vec::new();
@@ -71,7 +71,7 @@ impl Trainer {
                     numbers: config.synergy.components,
                     free_steps: 0,
                 };
-                let confined = frozen && self.control.is_confined(episode);
+                let confined = settled_at.is_some() && self.control.is_confined();
                 let (seed, stream) = (config.seed, EvaluationStream::Final);
                 success_with_components = driver.measure_each(&mut self.pool, seed, stream, episodes, confined)?;
             }
@@ -193,9 +193,14 @@ impl Trainer {
         Ok(if own.is_empty() { newest } else { own })
     }
 
+    /// Returns the map from the outputs of the learner's policy to actions; none if the outputs are the actions.
+    fn map_of_numbers(&self) -> Option<&ActionMap> {
+        self.learner.numbers().first().map(|numbers| &numbers.map)
+    }
+
     /// Returns the motions of a policy that has only the first numbers of the frozen space, for each number of them.
     fn motions_with_fewer_numbers(&mut self, policy: &Policy) -> Result<Vec<(usize, Vec<MotionRecord>)>, TrainError> {
-        let numbers = self.control.numbers(self.counters.episodes)?;
+        let numbers = self.learner.numbers().to_vec();
         let Assignment { config, task, .. } = &self.assignment;
         let mut found = Vec::new();
         for numbers in &numbers {

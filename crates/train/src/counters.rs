@@ -40,6 +40,8 @@ pub struct Counters {
     pub held_steps: VecDeque<u64>,
     /// Whether the last noise-free training episodes succeeded, oldest first.
     pub recent: VecDeque<bool>,
+    /// Training episodes before the control synergy was settled; none while it is not.
+    pub settled_at: Option<u64>,
     /// Sums over the updates since the last evaluation.
     pub sums: UpdateSums,
 }

@@ -4,7 +4,7 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{ActionDimension, Coordination, ExplorationConfig};
 use eigenhand_sim::GraspTask;
 
-use crate::action_space::SynergySpace;
+use crate::action_space::Outputs;
 use crate::config::RunConfig;
 use crate::error::TrainError;
 
@@ -20,11 +20,11 @@ pub(crate) fn exploration_of(
     config: &RunConfig,
     hand: &Hand,
     task: &GraspTask,
-    space: Option<&SynergySpace>,
+    outputs: Option<&Outputs>,
 ) -> Result<ExplorationConfig, TrainError> {
     let mut exploration = config.exploration.clone();
-    exploration.dimensions = match space {
-        Some(space) => space.dimensions.clone(),
+    exploration.dimensions = match outputs {
+        Some(outputs) => outputs.dimensions.clone(),
         None => dimensions(hand, task, config.training.slide_hold),
     };
     exploration.validate(exploration.dimensions.len())?;

@@ -220,11 +220,11 @@ impl WorkerPool {
             let mut env = GraspEnv::new(task)?;
             let (inbox, outbox) = (inbox.clone(), outbox.clone());
             let body = move || {
-                let mut scratch: Option<PolicyScratch> = None;
                 for job in inbox {
-                    let scratch = scratch.get_or_insert_with(|| job.policy.scratch());
+                    // The policies of a run differ in size once they act in its synergy.
+                    let mut scratch = job.policy.scratch();
                     // A panic is a defect. Without this report, `collect` would wait for ever.
-                    let outcome = catch_unwind(AssertUnwindSafe(|| run_episode(&mut env, scratch, &job)))
+                    let outcome = catch_unwind(AssertUnwindSafe(|| run_episode(&mut env, &mut scratch, &job)))
                         .unwrap_or(Err(TrainError::WorkerLost));
                     if outbox.send(outcome).is_err() {
                         break;

@@ -61,13 +61,14 @@ impl Trainer {
     /// # Errors
     /// The first fault of the configuration, the hand or the directory.
     pub fn create(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, run, .. } = &assignment;
-        let dimensions = assignment.dimensions();
+        let Assignment { config, hand, task, run, space, .. } = &assignment;
+        let dimensions = assignment.dimensions(space.as_ref().map(|space| &space.outputs));
         let mut random = rng::stream(config.seed, "init", 0);
-        let mut learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
-        learner.set_numbers(assignment.numbers());
+        let learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
-        Trainer::assemble(assignment, learner, checkpoints, Counters::default())
+        let postures = Postures::open(run, config, task, &HandActuators::of(hand, task))?;
+        let control = Control::new(config, HandActuators::of(hand, task));
+        Trainer::assemble(assignment, learner, postures, control, checkpoints, Counters::default())
     }
 
     /// Continues the run in a directory from its newest checkpoint, as if it had not stopped.
@@ -75,37 +76,35 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Damaged`] for a damaged file of the checkpoint, and the errors of [`create`](Self::create).
     pub fn resume(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, run, .. } = &assignment;
-        let dimensions = assignment.dimensions();
+        let Assignment { config, hand, task, run, space, .. } = &assignment;
         let (checkpoints, restored) =
             Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let Restored { counters, learner, finalists, episodes } = restored;
-        let mut learner = Ddpg::from_tensors(config.learner.clone(), dimensions, &learner)?;
-        learner.set_numbers(assignment.numbers());
-        let mut trainer = Trainer::assemble(assignment, learner, checkpoints, counters)?;
+        let mut postures = Postures::open(run, config, task, &HandActuators::of(hand, task))?;
+        let mut control = Control::new(config, HandActuators::of(hand, task));
+        control.add(postures.restore(run, counters.episodes, counters.postures)?);
+        counters.settled_at.map_or(Ok(()), |episode| control.settle(episode))?;
+        let settled = control.outputs(config, hand, task)?;
+        let outputs = settled.as_ref().or(space.as_ref().map(|space| &space.outputs));
+        let learner = Ddpg::from_tensors(config.learner.clone(), assignment.dimensions(outputs), &learner)?;
+        let mut trainer = Trainer::assemble(assignment, learner, postures, control, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
-        let Counters { episodes, postures, .. } = trainer.counters;
-        let motions = trainer.postures.restore(&trainer.assignment.run, episodes, postures)?;
-        trainer.control.add(motions);
         trainer.refit()?;
-        trainer.confine()?;
         Ok(trainer)
     }
 
     fn assemble(
         assignment: Assignment,
         learner: Ddpg,
+        postures: Postures,
+        control: Control,
         checkpoints: Checkpoints,
         counters: Counters,
     ) -> Result<Trainer, TrainError> {
-        let Assignment { config, provenance, hand, task, space, run, .. } = &assignment;
+        let Assignment { config, provenance, hand, task, run, .. } = &assignment;
         let shape = episode_shape(task);
-        let exploration = exploration_of(config, hand, task, space.as_ref())?;
-        let journal = Journal::open(run, config, provenance, counters.episodes)?;
-        let actuators = HandActuators::of(hand, task);
-        let postures = Postures::open(run, config, task, &actuators)?;
-        Ok(Trainer {
+        let mut trainer = Trainer {
             pool: WorkerPool::new(task, config.worker_count())?,
             learning: learning_threads(config.learner_thread_count())?,
             replay: Replay::new(config.training.replay_episodes, shape)?,
@@ -116,9 +115,9 @@ impl Trainer {
                 feedback: config.feedback(),
             },
             postures,
-            control: Control::new(config, actuators),
-            journal,
-            exploration,
+            control,
+            journal: Journal::open(run, config, provenance, counters.episodes)?,
+            exploration: exploration_of(config, hand, task, None)?,
             wall_before: counters.wall_s,
             counters,
             finalists: Finalists::default(),
@@ -126,7 +125,21 @@ impl Trainer {
             assignment,
             learner,
             checkpoints,
-        })
+        };
+        trainer.act_in_numbers()?;
+        Ok(trainer)
+    }
+
+    /// Lets the learner act in the numbers of the policy's space, if it has one: the settled control synergy, or a synergy
+    /// that was made before.
+    fn act_in_numbers(&mut self) -> Result<(), TrainError> {
+        let Assignment { config, hand, task, space, .. } = &self.assignment;
+        let settled = self.control.outputs(config, hand, task)?;
+        if let Some(outputs) = settled.or(space.as_ref().map(|space| space.outputs.clone())) {
+            self.exploration = exploration_of(config, hand, task, Some(&outputs))?;
+            self.learner.set_numbers(outputs.numbers);
+        }
+        Ok(())
     }
 
     /// Trains until all episodes are done or `stop` is set.
@@ -151,6 +164,13 @@ impl Trainer {
             let episodes = self.pool.collect()?;
             let previous = self.counters.episodes;
             self.store(episodes)?;
+            if self.settle()? {
+                let numbers = self.assignment.config.synergy.components;
+                progress.note(&format!(
+                    "episode {}: the control synergy is settled, and the policy begins anew in its {numbers} numbers",
+                    self.counters.episodes
+                ));
+            }
             self.counters.wall_s = self.wall_s();
             let done = self.counters.episodes;
             let crossed = |every: u64| previous / every != done / every || done == total;
@@ -245,7 +265,7 @@ impl Trainer {
         if stored > 0 {
             self.refit()?;
         }
-        self.confine()
+        Ok(())
     }
 
     /// Computes the synergy of the postures so far, and updates its feedback into the reward.
@@ -254,12 +274,21 @@ impl Trainer {
         Ok(())
     }
 
-    /// Confines the policy to the control synergy as far as the schedule says.
-    fn confine(&mut self) -> Result<(), TrainError> {
-        if self.assignment.space.is_none() {
-            self.learner.set_numbers(self.control.numbers(self.counters.episodes)?);
+    /// Settles the control synergy when it is time, and begins anew with a policy that acts in it. Replay and the
+    /// statistics of the inputs stay. Returns whether it did.
+    fn settle(&mut self) -> Result<bool, TrainError> {
+        let episode = self.counters.episodes;
+        if !self.control.is_due(episode) {
+            return Ok(false);
         }
-        Ok(())
+        self.control.settle(episode)?;
+        self.counters.settled_at = self.control.settled_at();
+        let Assignment { config, hand, task, .. } = &self.assignment;
+        let Some(outputs) = self.control.outputs(config, hand, task)? else { return Ok(false) };
+        let dimensions = self.assignment.dimensions(Some(&outputs));
+        self.learner = self.learner.begin_anew(dimensions, &mut rng::stream(config.seed, "init", 1))?;
+        self.act_in_numbers()?;
+        Ok(true)
     }
 
     /// Makes all updates that the episodes so far allow.
@@ -299,9 +328,9 @@ impl Trainer {
         let success_rate = evaluation.success_rate();
         let driven = self.success_with_components(&policy, success_rate)?;
         self.counters.last_evaluation = Some(success_rate);
-        if self.control.is_settled(self.counters.episodes) {
-            // Policies that were not yet confined do not compete.
-            self.finalists.retain(|finalist| self.control.is_settled(finalist.episode));
+        if let Some(settled_at) = self.counters.settled_at {
+            // Policies that do not act in the settled space do not compete.
+            self.finalists.retain(|finalist| finalist.episode >= settled_at);
         }
         let finalist = Finalist { success_rate, episode: self.counters.episodes, policy };
         self.finalists.enter(finalist, finalists);
@@ -330,7 +359,7 @@ impl Trainer {
         let episode = self.counters.episodes;
         let Some(space) = self.control.space(episode)? else { return Ok(None) };
         let Assignment { config, task, .. } = &self.assignment;
-        if self.control.is_confined(episode) {
+        if self.control.is_confined() {
             // The projection changes nothing.
             return Ok(Some((space.n_components(), success_rate)));
         }

@@ -24,4 +24,8 @@ pub struct Imported {
     pub assets: Assets,
     /// Effort limit in the file (N m or N), by joint.
     pub efforts: BTreeMap<String, f64>,
+    /// Velocity limit in the file (rad/s or m/s), by joint.
+    pub velocities: BTreeMap<String, f64>,
+    /// Joints that are no part of a posture, although something moves them: the hinges of a ball joint.
+    pub passive: Vec<String>,
 }

@@ -13,6 +13,7 @@ use crate::sources;
 use crate::xml::{append, attribute, element, elements_mut, retain_elements};
 
 mod assets;
+mod balls;
 mod newer;
 mod physics;
 mod references;
@@ -38,6 +39,7 @@ pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Resu
     let defaults = Defaults::read(&root, file)?;
     world::one_root(&mut root, &defaults, file, notes);
     world::name_parts(&mut root, notes);
+    let passive = balls::to_hinges(&mut root, &defaults, file, notes)?;
     if Joints::read(&root, file)?.0.is_empty() {
         return Err(HandError::model(file, "the model", "at least one joint that turns or slides", "none"));
     }
@@ -47,8 +49,8 @@ pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Resu
     physics::contact_bits(&mut root, &defaults, file, notes)?;
     references::connections(&mut root, notes);
     physics::force_limits(&mut root, &defaults, file, notes)?;
-    physics::damping(&mut root, &defaults, file, notes)?;
-    Ok(Imported { model: root, assets, efforts: BTreeMap::new() })
+    physics::velocity_feedback(&mut root, &defaults, file, notes)?;
+    Ok(Imported { model: root, assets, efforts: BTreeMap::new(), velocities: BTreeMap::new(), passive })
 }
 
 /// Mends compiler settings, which would also apply to the scene around the hand.

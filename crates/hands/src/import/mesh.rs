@@ -1,11 +1,19 @@
 //! Reads triangles from STL, OBJ and COLLADA files, and writes STL for MuJoCo 2.2.2.
 
+mod changes;
 mod collada;
 mod obj;
 mod stl;
 mod triangles;
 
+pub(super) use changes::Changes;
 pub(super) use triangles::Mesh;
+
+/// The kinds of mesh that are read, and the way out for others.
+pub(super) const READABLE: &str = "an STL, OBJ or COLLADA (.dae) mesh (convert other kinds to STL with Blender or \
+                                   `assimp export IN OUT.stl`, and name the STL in the model)";
+/// Half of the thickness of the box that takes the place of a flat mesh (m).
+pub(super) const MIN_HALF: f64 = 0.0005;
 
 impl Mesh {
     /// Reads a file; its `extension` names the format.
@@ -31,5 +39,15 @@ impl Mesh {
     /// Returns the mesh as a binary STL.
     pub(super) fn to_stl(&self) -> Vec<u8> {
         stl::write(&self.triangles)
+    }
+
+    /// Returns true if MuJoCo 2.2.2 reads the bytes of such a file itself.
+    pub(super) fn is_native(&self, bytes: &[u8], extension: &str) -> bool {
+        match extension.to_lowercase().as_str() {
+            "stl" => stl::is_exact(bytes),
+            // MuJoCo refuses an OBJ file with neighbouring faces that run through their edge in the same direction.
+            "obj" => self.is_oriented(),
+            _ => false,
+        }
     }
 }

@@ -34,12 +34,10 @@ pub(super) fn convert(
     let inertials = inertia::read(&source, &geoms, &groups, notes);
     let parts = write::Parts { robot, tree: &tree, joints: &joints, geoms: &geoms, inertials: &inertials };
     let model = parts.model(&groups, &mimics, &assets, notes);
-    let efforts: BTreeMap<String, f64> = robot
-        .joints
-        .iter()
-        .zip(&joints)
-        .filter(|(_, joint)| joint.motion != joints::Motion::Fixed)
-        .filter_map(|(joint, read)| Some((joint.name.clone(), read.effort?)))
-        .collect();
-    Ok(Imported { model, assets, efforts })
+    let by_joint = |of: fn(&joints::Joint) -> Option<f64>| -> BTreeMap<String, f64> {
+        let moving = robot.joints.iter().zip(&joints).filter(|(_, joint)| joint.motion != joints::Motion::Fixed);
+        moving.filter_map(|(joint, read)| Some((joint.name.clone(), of(read)?))).collect()
+    };
+    let (efforts, velocities) = (by_joint(|joint| joint.effort), by_joint(|joint| joint.velocity));
+    Ok(Imported { model, assets, efforts, velocities, passive: Vec::new() })
 }

@@ -85,6 +85,9 @@ fn plain(extra: &str) -> String {
     )
 }
 
+/// The actuator of [`plain`].
+const DRIVE: &str = "<motor name=\"drive\" joint=\"bend\" gear=\"2\" forcerange=\"-3 3\" forcelimited=\"true\"/>";
+
 fn all<'a>(element: &'a Element, name: &str, found: &mut Vec<&'a Element>) {
     for child in element.children.iter().filter_map(XMLNode::as_element) {
         if child.name == name {
@@ -109,7 +112,7 @@ fn what_is_no_hand_is_left_out() {
     let (imported, notes) = read(CROWDED);
     let bodies: Vec<&str> = every(&imported, "body").iter().map(|body| value(body, "name")).collect();
     assert_eq!(bodies, ["base", "body_1"]);
-    for gone in ["light", "camera", "keyframe", "sensor", "option", "texture", "freejoint", "pair"] {
+    for gone in ["light", "camera", "keyframe", "sensor", "texture", "freejoint", "pair"] {
         assert!(every(&imported, gone).is_empty(), "{gone}");
     }
     for said in ["the floor `floor`", "the free object `ball`", "the mocap body `pointer`", "keyframe, sensor"] {
@@ -126,8 +129,10 @@ fn what_is_newer_is_mended_and_said() {
     // What is left out with its section is not said to be mended.
     assert!(!notes.contains("implicit") && !notes.contains("nativeccd"), "{notes}");
     let joint = every(&imported, "joint").into_iter().find(|joint| value(joint, "name") == "joint_1").unwrap();
-    assert_eq!(value(joint, "damping").parse::<f64>().unwrap(), 0.1 + 0.3);
+    assert!(!joint.attributes.contains_key("kv"));
     assert!(every(&imported, "position").iter().all(|servo| !servo.attributes.contains_key("kv")));
+    let servo = every(&imported, "general")[0];
+    assert_eq!((value(servo, "gainprm"), value(servo, "biasprm")), ("4", "0 -4 -0.3"));
     assert!(every(&imported, "compiler").iter().any(|compiler| value(compiler, "autolimits") == "true"));
 }
 
@@ -153,7 +158,6 @@ fn a_motor_without_a_control_range_gets_one_from_its_force() {
 /// A servo's range is computed from the joint's, as `Hand::load` does; a motor that is written as `general` is no servo.
 #[test]
 fn servos_without_a_control_range_get_one_from_their_joint() {
-    const MOTOR: &str = "<motor name=\"drive\" joint=\"bend\" gear=\"2\" forcerange=\"-3 3\" forcelimited=\"true\"/>";
     for (actuator, range, guessed) in [
         (r#"<position name="drive" joint="bend" kp="2"/>"#, "0 1", false),
         (r#"<position name="drive" joint="bend" kp="2" gear="3" inheritrange="1"/>"#, "0 3", false),
@@ -165,7 +169,7 @@ fn servos_without_a_control_range_get_one_from_their_joint() {
         ),
         (r#"<general name="drive" joint="bend" gainprm="0.5"/>"#, "-1 1", true),
     ] {
-        let text = plain("").replace(MOTOR, actuator);
+        let text = plain("").replace(DRIVE, actuator);
         assert!(text.contains(actuator));
         let (imported, notes) = read(&text);
         let made = every(&imported, "actuator")[0].children[0].as_element().unwrap();
@@ -192,34 +196,119 @@ fn a_model_without_actuators_gets_servos_and_damping() {
 /// The damping that steadies a joint follows from its servos' stiffness, however they are written.
 #[test]
 fn joints_without_damping_are_steadied_by_what_their_servos_are() {
-    const MOTOR: &str = "<motor name=\"drive\" joint=\"bend\" gear=\"2\" forcerange=\"-3 3\" forcelimited=\"true\"/>";
     for (actuator, stiffness) in [
         (r#"<general name="drive" joint="bend" gainprm="2" biastype="affine" biasprm="0 -2 0"/>"#, 2.0),
         (r#"<position name="drive" joint="bend"/>"#, 1.0),
         (r#"<position name="drive" joint="bend" kp="3" gear="2"/>"#, 12.0),
     ] {
-        let text = plain("").replace(" damping=\"0.1\"", "").replace(MOTOR, actuator);
+        let text = plain("").replace(" damping=\"0.1\"", "").replace(DRIVE, actuator);
         let (imported, notes) = read(&text);
         let joint = every(&imported, "joint")[0];
         let number = |key: &str| value(joint, key).parse::<f64>().unwrap();
-        assert!((number("damping") - 0.06 * stiffness).abs() < 1e-9, "{actuator}: {notes}");
+        // A servo of 12 N m/rad gets a limit of 1 N m, and less damping.
+        assert!((number("damping") - (0.06_f64 * stiffness).min(0.5)).abs() < 1e-9, "{actuator}: {notes}");
         assert!((number("armature") - 0.001 * stiffness).abs() < 1e-9, "{actuator}: {notes}");
     }
 }
 
-/// A speed of the joint is twice as fast at the servo, and its force twice as large at the joint.
+/// A servo's own `kv` is force for each unit of the actuator's velocity, whatever it acts on.
 #[test]
-fn damping_of_servos_passes_their_gear_and_tendons() {
+fn velocity_feedback_of_servos_stays_in_them() {
     let text = plain("<tendon><fixed name=\"sum\" damping=\"0.5\"><joint joint=\"bend\" coef=\"1\"/></fixed></tendon>")
         .replace(
             "<motor name=\"drive\" joint=\"bend\" gear=\"2\"",
-            "<position tendon=\"sum\" kv=\"0.25\"/><position name=\"drive\" joint=\"bend\" gear=\"2\" kv=\"0.1\"",
+            "<position tendon=\"sum\" kv=\"0.25\"/><position site=\"end\" name=\"push\" kp=\"2\" kv=\"0.5\" ctrlrange=\"0 1\"/>
+             <position name=\"drive\" joint=\"bend\" kp=\"10\" dampratio=\"1\" gear=\"2\"",
         );
     let (imported, notes) = read(&text);
-    assert_eq!(value(every(&imported, "fixed")[0], "damping"), "0.75");
-    let joint = every(&imported, "joint").into_iter().find(|joint| value(joint, "name") == "bend").unwrap();
-    assert_eq!(value(joint, "damping"), "0.5");
-    assert!(notes.contains("kv or dampratio of 2 servos"), "{notes}");
+    assert_eq!(value(every(&imported, "fixed")[0], "damping"), "0.5");
+    let biases: Vec<&str> = every(&imported, "general").iter().map(|servo| value(servo, "biasprm")).collect();
+    assert_eq!(biases[..2], ["0 -1 -0.25", "0 -2 -0.5"]);
+    // 0.001 kg m2 are 0.00025 behind a gear of 2; 10 N m/rad with it are damped critically by 2 sqrt(10 0.00025).
+    assert_eq!(biases[2], "0 -10 -0.1");
+    assert!(notes.contains("kv or dampratio of 3 servos"), "{notes}");
+    assert!(every(&imported, "option").iter().any(|option| value(option, "integrator") == "implicit"));
+    // Newer versions read a positive third number of a position servo's bias as a damping ratio.
+    let ratio = r#"<general name="drive" joint="bend" gainprm="10" biastype="affine" biasprm="0 -10 1"/>"#;
+    let (imported, _) = read(&plain("").replace(DRIVE, ratio));
+    assert_eq!(value(every(&imported, "general")[0], "biasprm"), "0 -10 -0.2");
+    assert!(every(&read(&plain("")).0, "option").is_empty());
+}
+
+/// No force limit, or one of an arm; the second servo is slow and weak already.
+#[test]
+fn servos_get_bounds_and_a_makers_bounds_stay() {
+    const KEPT: &str =
+        r#"<position name="slow" joint="tip" kp="2" forcelimited="true" forcerange="-0.3 0.3" ctrlrange="0 1"/>"#;
+    let text = |servo: &str| {
+        plain("").replace(DRIVE, &format!("{servo}{KEPT}")).replace(
+            "<site name=\"end\"",
+            "<body><joint name=\"tip\" range=\"0 1\" damping=\"0.1\" armature=\"0.002\"/><geom size=\"0.01\"/></body>
+             <geom size=\"0.01\" solref=\"0.002 1\"/><site name=\"end\"",
+        )
+    };
+    for (servo, limit, damping) in [
+        (r#"<position name="drive" joint="bend" kp="8"/>"#, "-1 1", "0.25"),
+        (r#"<position name="drive" joint="bend" kp="2"/>"#, "-0.6 0.6", "0.15"),
+        (r#"<position name="drive" joint="bend" kp="8" forcerange="-30 30"/>"#, "-1 1", "0.25"),
+        (r#"<position name="drive" joint="bend" kp="8" forcerange="-2 2"/>"#, "-2 2", "0.5"),
+        (r#"<position name="drive" joint="bend" kp="8" gear="2" forcerange="-2 2"/>"#, "-2 2", "1"),
+        // The joint feels twice the limit.
+        (r#"<position name="drive" joint="bend" kp="8" gear="2"/>"#, "-0.5 0.5", "0.25"),
+        // A joint that is slow because of its servo's velocity feedback needs no damping.
+        (r#"<position name="drive" joint="bend" kp="8" kv="2"/>"#, "-1 1", "0.1"),
+    ] {
+        let (imported, notes) = read(&text(servo));
+        let actuators = every(&imported, "actuator")[0];
+        let made = |name| actuators.children.iter().filter_map(XMLNode::as_element).find(|e| value(e, "name") == name);
+        assert_eq!(value(made("drive").unwrap(), "forcerange"), limit, "{servo}: {notes}");
+        assert_eq!(value(made("slow").unwrap(), "forcerange"), "-0.3 0.3");
+        let joint =
+            |name: &str| every(&imported, "joint").into_iter().find(|joint| value(joint, "name") == name).unwrap();
+        assert_eq!((value(joint("bend"), "damping"), value(joint("bend"), "armature")), (damping, "0.001"), "{servo}");
+        assert_eq!((value(joint("tip"), "damping"), value(joint("tip"), "armature")), ("0.1", "0.002"));
+        assert!(every(&imported, "geom").iter().any(|geom| value(geom, "solref") == "0.008 1"));
+        assert_eq!(notes.matches("servos were bounded").count(), 1, "{notes}");
+    }
+}
+
+/// A tendon over two joints pulls at both; a motor is no servo.
+#[test]
+fn servos_on_tendons_are_bounded_and_motors_are_not() {
+    let tendon = "<tendon><fixed name=\"sum\"><joint joint=\"bend\" coef=\"0.5\"/></fixed></tendon>";
+    let pull = r#"<position name="drive" tendon="sum" kp="40" ctrlrange="0 1"/>"#;
+    let (imported, notes) = read(&plain(tendon).replace(DRIVE, pull));
+    assert_eq!(value(every(&imported, "position")[0], "forcerange"), "-2 2", "{notes}");
+    let damping = |imported: &Imported| {
+        let joint = every(imported, "joint").into_iter().find(|joint| value(joint, "name") == "bend");
+        value(joint.unwrap(), "damping").to_owned()
+    };
+    assert_eq!(damping(&imported), "0.25");
+    let (imported, notes) = read(&plain(""));
+    assert_eq!(damping(&imported), "0.1");
+    assert!(!notes.contains("bounded"), "{notes}");
+}
+
+/// A wrist may be as strong as the fingers that it carries need.
+#[test]
+fn a_wrist_keeps_its_torque() {
+    let finger =
+        |name: &str| format!(r#"<body><joint name="{name}" range="0 1" damping="1"/><geom size="0.01"/></body>"#);
+    let servo = |joint: &str| format!(r#"<position name="{joint}" joint="{joint}" kp="100" forcerange="-20 20"/>"#);
+    let text = plain("")
+        .replace("<site name=\"end\"", &format!("{}{}<site name=\"end\"", finger("a"), finger("b")))
+        .replace(DRIVE, &["bend", "a", "b"].map(servo).concat());
+    let (imported, notes) = read(&text);
+    let limits: Vec<&str> = every(&imported, "position").iter().map(|servo| value(servo, "forcerange")).collect();
+    assert_eq!(limits, ["-20 20", "-1 1", "-1 1"], "{notes}");
+}
+
+#[test]
+fn engine_plugins_that_only_sensors_use_are_left_out() {
+    let sensor = "<extension><plugin plugin=\"mujoco.sensor.touch_grid\"/></extension>
+        <sensor><plugin plugin=\"mujoco.sensor.touch_grid\" objtype=\"site\" objname=\"end\"/></sensor>";
+    let (imported, notes) = read(&plain(sensor));
+    assert!(every(&imported, "extension").is_empty() && notes.contains("<extension> was removed"), "{notes}");
 }
 
 /// A part of a scene whose main file says `angle="radian"`, and one that cannot be meant so.
@@ -357,7 +446,11 @@ fn parts_in_the_world_are_put_into_one_body() {
 #[test]
 fn what_cannot_be_kept_is_refused_with_the_reason() {
     for (text, said) in [
-        (plain("<extension><plugin plugin=\"mujoco.pid\"/></extension>"), "engine plugins"),
+        (
+            plain("<extension><plugin plugin=\"mujoco.pid\"/></extension>")
+                .replace(DRIVE, "<plugin plugin=\"mujoco.pid\" joint=\"bend\"/>"),
+            "engine plugins",
+        ),
         (plain(r#"<equality><weld name="w" site1="end" site2="end"/></equality>"#), "body1, body2 and relpose"),
         (plain("<worldbody><frame pos=\"0 0 1\"/></worldbody>"), "frames"),
         (plain("<worldbody><replicate count=\"3\"/></worldbody>"), "models made of models"),

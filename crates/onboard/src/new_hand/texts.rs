@@ -44,7 +44,7 @@ pub(super) fn manifest(request: &NewHand, imported: &Imported, found: &Survey, r
     line(format!("model = {}", quoted(MODEL_FILE)));
     line(format!("palm = {}", quoted(&found.palm)));
     line(format!("fingertips = {}", list(&report.fingertips)));
-    if !found.stuck.is_empty() {
+    if !found.stuck.is_empty() || !imported.passive.is_empty() {
         let joints: Vec<String> = std::iter::once(slide.clone()).chain(found.moving.iter().cloned()).collect();
         line(format!("posture_joints = {}", list(&joints)));
     }

@@ -11,7 +11,8 @@ pub(super) const TIMESTEP: f64 = 0.004;
 /// Returns MJCF text of the hand alone on a heavy carriage, so that no part of the hand is fixed to the world.
 pub(super) fn stand(root: &Element, contacts: &str) -> String {
     let mut stand = root.clone();
-    retain_elements(&mut stand, |e| !matches!(e.name.as_str(), "option" | "size"));
+    // The import states no option but the integrator that the hand needs.
+    retain_elements(&mut stand, |e| e.name != "size");
     let flag = element("flag", &[("gravity", "disable".into()), ("contact", contacts.to_owned())]);
     let mut option = element("option", &[("timestep", TIMESTEP.to_string())]);
     append(&mut option, flag);

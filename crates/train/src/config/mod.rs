@@ -192,11 +192,11 @@ pub struct SynergyConfig {
     /// The synergy in which the policy acts if `action_space` is `synergy`: a run, an export or a synergy file; otherwise
     /// empty.
     pub file: String,
-    /// Newest motions (successes without noise and with all numbers) to whose commands the control synergy is fitted. The policy is confined
-    /// to it once there are as many.
+    /// Newest motions (successes without noise) to whose commands the control synergy is fitted. It is settled once there are
+    /// as many.
     pub motions: usize,
-    /// Shares of training between which the policy is confined to the control synergy.
-    pub anneal: [f64; 2],
+    /// Share of training after which the control synergy is settled and the policy begins anew in its numbers; 1: never.
+    pub settle: f64,
 }
 
 impl RunConfig {
@@ -252,7 +252,7 @@ impl RunConfig {
     /// Returns whether training confines the policy to its control synergy.
     pub fn confines(&self) -> bool {
         // A policy that acts in a synergy has a space of its own.
-        self.action_space == ActionSpace::Joints && self.lambda > 0.0 && self.synergy.anneal[0] < 1.0
+        self.action_space == ActionSpace::Joints && self.lambda > 0.0 && self.synergy.settle < 1.0
     }
 
     /// Returns the number of threads that simulate.

@@ -77,9 +77,7 @@ impl RunConfig {
         expect(named, "synergy.file", "a synergy exactly where action_space = synergy", format!("{:?}", s.file))
             .map_err(|error| related(error, &["action_space"]))?;
         positive("synergy.motions", s.motions as u64)?;
-        let [from, to] = s.anneal;
-        let rising = (0.0..=1.0).contains(&from) && (from..=1.0).contains(&to);
-        expect(rising, "synergy.anneal", "two numbers from 0 to 1 in ascending order", format!("{:?}", s.anneal))
+        share("synergy.settle", s.settle)
     }
 }
 
@@ -154,7 +152,7 @@ mod tests {
             ("learner.gamma=2", "gamma"),
             ("lambda=1e300", "lambda"),
             ("synergy.motions=0", "synergy.motions"),
-            ("synergy.anneal=[0.6, 0.3]", "synergy.anneal"),
+            ("synergy.settle=1.5", "synergy.settle"),
             ("synergy.window=100", "synergy.window"),
             ("training.noise_decay=[0.9, 0.6]", "training.noise_decay"),
             ("training.final_noise=2", "training.final_noise"),

@@ -6,6 +6,7 @@ use std::path::Path;
 use xmltree::{Element, XMLNode};
 
 use crate::error::HandError;
+use crate::xml::{elements, retain_elements};
 
 /// Elements and attributes of MJCF in MuJoCo 2.2.2, as its own `mj_printSchema` lists them.
 const SCHEMA: &str = include_str!("mjcf-2.2.2.txt");
@@ -64,12 +65,22 @@ fn plain(name: &str) -> &str {
 pub(super) fn mend(root: &mut Element, file: &Path, notes: &mut Vec<String>) -> Result<(), HandError> {
     let schema = Schema::read();
     let mut found = BTreeSet::new();
+    let is_extension = |e: &Element| e.name == "extension";
+    if elements(root).any(is_extension) && !elements(root).filter(|e| !is_extension(e)).any(uses_plugin) {
+        retain_elements(root, |e| !is_extension(e));
+        notes.push("<extension> was removed: nothing that is kept uses its engine plugins".to_owned());
+    }
     walk(root, &schema, file, &mut found)?;
     if !found.is_empty() {
         let list: Vec<String> = found.into_iter().collect();
         notes.push(format!("removed, because unknown to MuJoCo 2.2.2: {}", list.join(", ")));
     }
     Ok(())
+}
+
+/// Returns true if an element or one inside it is made by an engine plugin.
+fn uses_plugin(element: &Element) -> bool {
+    element.name == "plugin" || element.attributes.contains_key("plugin") || elements(element).any(uses_plugin)
 }
 
 fn walk(element: &mut Element, schema: &Schema, file: &Path, found: &mut BTreeSet<String>) -> Result<(), HandError> {

@@ -1,4 +1,4 @@
-//! Masses, contact bits and damping.
+//! Masses, contact bits, and the force laws of servos.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -8,9 +8,9 @@ use xmltree::Element;
 use crate::error::HandError;
 use crate::mjcf::{Attributes, Defaults, each_in_world};
 use crate::notes::note;
-use crate::xml::{attribute, elements, elements_mut, numbers, set};
+use crate::xml::{attribute, elements_mut, numbers, set};
 
-/// Rotor inertia (kg m2) assumed for a joint when a damping ratio is converted to a damping.
+/// Least inertia (kg m2) assumed for a joint when a damping ratio is converted to a velocity feedback.
 const NOMINAL_INERTIA: f64 = 1e-3;
 
 /// Replaces the compiler's `inertiagrouprange` by mass 0 on the geoms outside it: the range would also apply to the
@@ -82,52 +82,91 @@ pub(super) fn contact_bits(
     Ok(())
 }
 
-/// Converts a servo's `kv` and `dampratio` to damping of its joint or tendon; MuJoCo integrates that implicitly.
-pub(super) fn damping(
+/// Writes servos with `kv` or `dampratio`, unknown to MuJoCo 2.2.2, as `general` actuators with the same velocity
+/// feedback, which stays within the force limit.
+pub(super) fn velocity_feedback(
     root: &mut Element,
     defaults: &Defaults,
     file: &Path,
     notes: &mut Vec<String>,
 ) -> Result<(), HandError> {
-    let mut added: BTreeMap<(&str, String), f64> = BTreeMap::new();
-    let mut lost = Vec::new();
-    for section in elements(root).filter(|e| e.name == "actuator") {
-        for actuator in elements(section).filter(|e| e.name == "position") {
+    let inertias = armatures(root, defaults, file)?;
+    let mut changed = 0;
+    for section in elements_mut(root).filter(|e| e.name == "actuator") {
+        for actuator in elements_mut(section) {
             let resolved = defaults.resolve(actuator, None, file)?;
-            // Force and speed of the servo, seen from the joint, are scaled by the gear.
-            let geared = resolved.number("gear")?.unwrap_or(1.0).powi(2);
-            let stiffness = geared * resolved.number("kp")?.unwrap_or(1.0);
-            let ratio = resolved.number("dampratio")?.map(|ratio| 2.0 * ratio * (stiffness * NOMINAL_INERTIA).sqrt());
-            let constant = resolved.number("kv")?.map(|kv| geared * kv);
-            let Some(value) = constant.or(ratio).filter(|value| *value > 0.0) else { continue };
-            match ["joint", "tendon"].iter().find_map(|kind| Some((*kind, resolved.text(kind)?.to_owned()))) {
-                Some(target) => *added.entry(target).or_default() += value,
-                None => lost.push(resolved.place().to_owned()),
+            let Some((kp, feedback)) = newer_servo(&actuator.name, &resolved)? else { continue };
+            let joint = resolved.text("joint").or(resolved.text("jointinparent"));
+            let inertia = joint.and_then(|name| inertias.get(name)).copied().unwrap_or(0.0).max(NOMINAL_INERTIA);
+            let gear = resolved.number("gear")?.filter(|gear| *gear != 0.0).unwrap_or(1.0);
+            let kv = match feedback {
+                Feedback::Constant(kv) => kv,
+                // The servo feels the joint's inertia through its gear.
+                Feedback::Ratio(ratio) => ratio * 2.0 * (kp.abs() * inertia).sqrt() / gear.abs(),
+            };
+            actuator.name = "general".to_owned();
+            ["kp", "kv", "dampratio"].iter().for_each(|key| {
+                actuator.attributes.shift_remove(*key);
+            });
+            for (key, value) in [("dyntype", "none"), ("gaintype", "fixed"), ("biastype", "affine")] {
+                set(actuator, key, value);
             }
+            set(actuator, "gainprm", numbers(&[kp]));
+            set(actuator, "biasprm", numbers(&[0.0, -kp, -kv]));
+            changed += 1;
         }
     }
-    let extra =
-        |element: &Element, kind: &'static str| added.get(&(kind, attribute(element, "name")?.to_owned())).copied();
-    each_in_world(root, &mut |element, class| match extra(element, "joint").filter(|_| element.name == "joint") {
-        Some(value) => add_damping(element, &defaults.resolve(element, class, file)?, value),
-        None => Ok(()),
-    })?;
-    for section in elements_mut(root).filter(|e| e.name == "tendon") {
-        for tendon in elements_mut(section) {
-            if let Some(value) = extra(tendon, "tendon") {
-                add_damping(tendon, &defaults.resolve(tendon, None, file)?, value)?;
-            }
-        }
-    }
-    let n_damped = added.len();
     remove_everywhere(root, "position", &["kv", "dampratio"]);
-    if n_damped > 0 {
+    if changed > 0 {
         notes.push(format!(
-            "kv or dampratio of {n_damped} servos, unknown to MuJoCo 2.2.2, became damping of joints and tendons"
+            "kv or dampratio of {changed} servos, unknown to MuJoCo 2.2.2, became the velocity feedback of general \
+             actuators"
         ));
     }
-    note(notes, "kv or dampratio removed, because the servo acts on no joint or tendon", &lost);
     Ok(())
+}
+
+/// Velocity feedback as newer versions of MuJoCo write it.
+enum Feedback {
+    /// Force for each unit of velocity.
+    Constant(f64),
+    /// Damping ratio.
+    Ratio(f64),
+}
+
+/// Reads stiffness and velocity feedback of a servo that MuJoCo 2.2.2 does not know so; none for other actuators.
+fn newer_servo(tag: &str, attributes: &Attributes) -> Result<Option<(f64, Feedback)>, HandError> {
+    let gain = attributes.number("gainprm")?.unwrap_or(1.0);
+    let found = match tag {
+        "position" => {
+            let kp = attributes.number("kp")?.unwrap_or(gain);
+            let constant = attributes.number("kv")?.filter(|kv| *kv > 0.0).map(Feedback::Constant);
+            let ratio = attributes.number("dampratio")?.filter(|ratio| *ratio > 0.0).map(Feedback::Ratio);
+            constant.or(ratio).map(|feedback| (kp, feedback))
+        }
+        // In the bias of a position servo, newer versions read a positive third number as a damping ratio.
+        "general" if attributes.text("biastype") == Some("affine") => {
+            match attributes.numbers("biasprm")?.unwrap_or_default()[..] {
+                [_, bias, ratio, ..] if ratio > 0.0 && bias == -gain => Some((gain, Feedback::Ratio(ratio))),
+                _ => None,
+            }
+        }
+        _ => None,
+    };
+    Ok(found)
+}
+
+/// Reads the armature of each joint.
+fn armatures(root: &mut Element, defaults: &Defaults, file: &Path) -> Result<BTreeMap<String, f64>, HandError> {
+    let mut found = BTreeMap::new();
+    each_in_world(root, &mut |element, class| {
+        if let Some(name) = element.attributes.get("name").filter(|_| element.name == "joint") {
+            let armature = defaults.resolve(element, class, file)?.number("armature")?.unwrap_or(0.0);
+            found.insert(name.clone(), armature);
+        }
+        Ok::<(), HandError>(())
+    })?;
+    Ok(found)
 }
 
 /// Moves the limits of actuator forces on joints (`actuatorfrcrange`) to the actuators that act on them.
@@ -169,12 +208,6 @@ pub(super) fn force_limits(
     note(notes, "the joints' actuatorfrcrange, unknown to MuJoCo 2.2.2, became the force range of", &moved);
     let lost: Vec<&String> = limits.keys().filter(|name| !taken.contains(name)).collect();
     note(notes, "actuatorfrcrange removed from joints that no actuator drives directly", &lost);
-    Ok(())
-}
-
-fn add_damping(element: &mut Element, resolved: &Attributes, value: f64) -> Result<(), HandError> {
-    let own = resolved.number("damping")?.unwrap_or(0.0);
-    set(element, "damping", (own + value).to_string());
     Ok(())
 }
 

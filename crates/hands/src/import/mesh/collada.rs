@@ -35,7 +35,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
     }
     let up = asset.and_then(|a| a.get_child("up_axis")).and_then(Element::get_text);
     let up = up.map(|up| up.trim().to_owned()).filter(|up| up != "Z_UP");
-    scene.mesh.note = up.map(|up| format!("the file says {up}; its axes were not rotated"));
+    scene.mesh.note = up.map(|up| format!("meshes that say {up} were not rotated"));
     Ok(scene.mesh)
 }
 

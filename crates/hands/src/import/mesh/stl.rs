@@ -18,6 +18,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Mesh, String> {
     }
 }
 
+/// Returns true for a binary file whose length is exactly that of its faces.
+pub(super) fn is_exact(bytes: &[u8]) -> bool {
+    binary(bytes).is_some_and(|mesh| bytes.len() == HEADER + COUNT + FACE * mesh.triangles.len())
+}
+
 fn binary(bytes: &[u8]) -> Option<Mesh> {
     let count = u32::from_le_bytes(bytes.get(HEADER..HEADER + COUNT)?.try_into().ok()?) as usize;
     let faces = bytes[HEADER + COUNT..].chunks_exact(FACE);

@@ -58,6 +58,33 @@ impl Mesh {
         thickness <= FLAT * size
     }
 
+    /// Returns true if no two triangles run through an edge in the same direction.
+    pub(super) fn is_oriented(&self) -> bool {
+        let key = |p: &Point| p.map(|x| (x as f32).to_bits());
+        let mut seen = HashSet::new();
+        self.triangles.iter().all(|triangle| {
+            let corners = triangle.map(|p| <[u32; 3]>::from(key(&p)));
+            let edges = [(0, 1), (1, 2), (2, 0)].map(|(from, to)| (corners[from], corners[to]));
+            edges.iter().all(|edge| edge.0 == edge.1 || seen.insert(*edge))
+        })
+    }
+
+    /// Returns a box around the mesh whose sides are at least twice `half` long.
+    pub(in crate::import) fn boxed(&self, half: &Point) -> Self {
+        let (low, high) = self.bounds();
+        let (middle, half) = ((low + high) / 2.0, ((high - low) / 2.0).sup(half));
+        let corner =
+            |i: usize| middle + Point::from_fn(|axis, _| if i >> axis & 1 == 1 { half[axis] } else { -half[axis] });
+        // Each face once, its corners counter-clockwise seen from outside; bit 0 of a corner is x, bit 1 y, bit 2 z.
+        const FACES: [[usize; 4]; 6] =
+            [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let mut triangles = Vec::with_capacity(2 * FACES.len());
+        for face in FACES {
+            push_fan(&mut triangles, &face.map(corner));
+        }
+        Self { triangles, note: None }
+    }
+
     /// Merges vertices on ever coarser grids until MuJoCo accepts the mesh; returns true if any were merged.
     pub(in crate::import) fn simplify(&mut self) -> bool {
         let mut cells = 512.0;

@@ -31,10 +31,11 @@ pub(super) struct Joint {
     pub(super) range: Option<[f64; 2]>,
     /// Position of a joint with equal limits, which is fixed there.
     pub(super) held_at: f64,
-    /// Damping, friction and effort in the file; none if absent or zero.
+    /// Damping, friction, effort and velocity in the file; none if absent or zero.
     pub(super) damping: Option<f64>,
     pub(super) friction: Option<f64>,
     pub(super) effort: Option<f64>,
+    pub(super) velocity: Option<f64>,
 }
 
 /// Names of joints for the notes.
@@ -84,6 +85,7 @@ fn read_joint<'a>(
         damping: None,
         friction: None,
         effort: None,
+        velocity: None,
     };
     if motion == Motion::Fixed {
         return Ok(read);
@@ -97,6 +99,7 @@ fn read_joint<'a>(
         ("damping", dynamics.map_or(0.0, |d| d.damping), &mut read.damping),
         ("friction", dynamics.map_or(0.0, |d| d.friction), &mut read.friction),
         ("effort", limit.effort, &mut read.effort),
+        ("velocity", limit.velocity, &mut read.velocity),
     ] {
         if value.is_nan() {
             return Err(HandError::model(file, format!("{place} {key}"), "a number", value));

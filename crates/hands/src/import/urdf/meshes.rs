@@ -7,13 +7,9 @@ use nalgebra::Vector3;
 
 use crate::error::HandError;
 use crate::import::imported::{Assets, ImportOptions};
-use crate::import::mesh::Mesh;
+use crate::import::mesh::{Changes, MIN_HALF, Mesh, READABLE};
 use crate::manifest::MANIFEST_FILE;
-use crate::notes::note;
 use crate::sources;
-
-/// Half of the thickness of the box that replaces a flat mesh (m).
-const MIN_HALF: f64 = 0.0005;
 
 /// The result of reading a mesh.
 #[derive(Debug, Clone)]
@@ -34,9 +30,7 @@ pub(super) struct Meshes<'a> {
     shapes: HashMap<(PathBuf, [u64; 3]), Option<Shape>>,
     assets: Assets,
     names: BTreeSet<String>,
-    flat: Vec<String>,
-    simplified: Vec<String>,
-    remarks: Vec<String>,
+    changes: Changes,
 }
 
 impl<'a> Meshes<'a> {
@@ -48,9 +42,7 @@ impl<'a> Meshes<'a> {
             shapes: HashMap::new(),
             assets: Vec::new(),
             names: BTreeSet::new(),
-            flat: Vec::new(),
-            simplified: Vec::new(),
-            remarks: Vec::new(),
+            changes: Changes::default(),
         }
     }
 
@@ -91,15 +83,9 @@ impl<'a> Meshes<'a> {
 
     fn add(&mut self, mut mesh: Mesh, name: &str, link: &str, i: usize) -> Option<Shape> {
         let base = name.rsplit(['/', '\\']).next().unwrap_or(name);
-        if let Some(remark) = mesh.note.take() {
-            self.remarks.push(format!("{base}: {remark}"));
-        }
-        if mesh.simplify() {
-            self.simplified.push(base.to_owned());
-        }
+        let is_flat = self.changes.mend(&mut mesh, base);
         let (low, high) = mesh.bounds();
-        if mesh.is_flat() {
-            self.flat.push(base.to_owned());
+        if is_flat {
             let half = ((high - low) / 2.0).map(|x| x.max(MIN_HALF));
             return Some(Shape::Box { centre: (low + high) / 2.0, half });
         }
@@ -157,16 +143,25 @@ impl<'a> Meshes<'a> {
                 Err(missing(format!("there is no such file at {}, where {setting} points", path.display())))
             };
         }
-        above(&format!("{package}/{path}"))
-            .or_else(|| above(path))
-            .ok_or_else(|| missing(format!("name the package's directory: {setting}")))
+        if let Some(found) = above(&format!("{package}/{path}")).or_else(|| above(path)) {
+            return Ok(found);
+        }
+        let known = absolute.ancestors().map(|a| a.join(package)).find(|p| p.is_dir()).or_else(|| {
+            absolute.ancestors().find(|a| a.ends_with(package) || is_package(a, package)).map(Path::to_path_buf)
+        });
+        Err(missing(match known {
+            Some(known) => format!(
+                "its package lies at {}, but the file is not in it: fetch or build the package as its maker says, or \
+                 correct the name in the URDF; if the package lies elsewhere, name it: {setting}",
+                known.display()
+            ),
+            None => format!("name the package's directory: {setting}"),
+        }))
     }
 
     /// Returns the assets and adds notes about changed meshes.
     pub(super) fn finish(self, notes: &mut Vec<String>) -> Assets {
-        note(notes, "meshes without volume became thin boxes", &self.flat);
-        note(notes, "meshes with more faces than MuJoCo reads were simplified", &self.simplified);
-        notes.extend(self.remarks);
+        self.changes.finish(notes);
         self.assets
     }
 }
@@ -174,13 +169,11 @@ impl<'a> Meshes<'a> {
 fn read(path: &Path, link: &str) -> Result<Mesh, HandError> {
     let bytes = sources::read_file(path)?;
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-    Mesh::read(&bytes, extension).map_err(|got| {
-        HandError::model(
-            path,
-            format!("mesh of link `{link}`"),
-            "an STL, OBJ or COLLADA (.dae) mesh (convert other kinds to STL with Blender or \
-             `assimp export IN OUT.stl`, and name the STL in the URDF)",
-            got,
-        )
-    })
+    Mesh::read(&bytes, extension).map_err(|got| HandError::model(path, format!("mesh of link `{link}`"), READABLE, got))
+}
+
+/// Returns true if a directory holds the manifest of a ROS package with this name.
+fn is_package(directory: &Path, name: &str) -> bool {
+    std::fs::read_to_string(directory.join("package.xml"))
+        .is_ok_and(|text| text.split_whitespace().collect::<String>().contains(&format!("<name>{name}</name>")))
 }

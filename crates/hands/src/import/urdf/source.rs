@@ -271,7 +271,7 @@ fn clean_joint(joint: &Element, file: &Path) -> Result<(Element, Stated), HandEr
         let mut child = copy(child);
         if key == "limit" {
             stated.range = ["lower", "upper"].iter().any(|bound| child.attributes.contains_key(*bound));
-            // The URDF reader requires it, some makers omit it, and nothing here uses it.
+            // The URDF reader requires it, and some makers omit it; zero counts as absent.
             child.attributes.entry("velocity".to_owned()).or_insert_with(|| "0".to_owned());
         }
         append(&mut clean, child);
