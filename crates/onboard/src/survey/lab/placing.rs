@@ -17,8 +17,11 @@ const USUAL_REACH: f64 = 0.1;
 const USUAL_OPENING: f64 = 0.11;
 /// Opening in m of the open posture, for objects of scale 1.
 const OPENING: f64 = 0.13;
-/// A scale that differs from 1 by at most this becomes 1.
-const NEAR_ONE: f64 = 0.25;
+/// A scale that differs from 1 by at most this becomes 1. With a smaller opening, the larger objects leave too little
+/// room beside them.
+const NEAR_ONE: f64 = 0.2;
+/// An opening that differs from the wanted one by at most this share is near it.
+const NEAR_OPENING: f64 = 0.25;
 /// Smallest and largest scale of the objects.
 const SCALES: [f64; 2] = [0.3, 1.0];
 /// Height in m of the tallest object of scale 1, and the room above it.
@@ -105,7 +108,7 @@ impl Lab<'_> {
         let scale = if (scale - 1.0).abs() <= NEAR_ONE { 1.0 } else { (scale * 20.0).round() / 20.0 };
         let scale = scale.clamp(SCALES[0], SCALES[1]);
         let wanted = OPENING * scale;
-        let near = |open: &Open| (open.opening - wanted).abs() <= NEAR_ONE * wanted;
+        let near = |open: &Open| (open.opening - wanted).abs() <= NEAR_OPENING * wanted;
         if widest > wanted && !tried.iter().any(near) {
             let on_the_way = self.on_the_way(closing)?;
             tried.extend(on_the_way.into_iter().filter(|open| !self.crossed(&open.tips, &straight)));
