@@ -9,20 +9,13 @@ use std::sync::Arc;
 use eigenhand_sim::{GraspTask, SimError};
 
 mod script;
+mod search;
 
-use script::{Grasp, Job, Scripts};
+use script::{Grasp, Scripts};
+use search::Search;
 
 /// Distance in m between two places that are tried, for objects of scale 1.
 const STEP: f64 = 0.02;
-/// Places that are tried first, along the fingers (x), and the last one across them (y), in steps from the hand's present
-/// place.
-const ALONG: [i32; 5] = [0, -2, -4, -6, 2];
-const ACROSS: i32 = 2;
-/// Number of places along the fingers at which places across them are tried.
-const ROWS: usize = 2;
-/// Number of grasps of each object at the best places, and number of these places.
-const TRIALS: u64 = 2;
-const BEST: usize = 3;
 /// Weights of a grasp that reaches its goal, and of one that only lifts the object.
 const REACHED: f64 = 1.0;
 const LIFTED: f64 = 0.25;
@@ -30,7 +23,7 @@ const LIFTED: f64 = 0.25;
 const DRAG: f64 = 4.0;
 /// What a place must be better by for each step from the middle: of a hand, and of a gripper with two fingertips, whose
 /// jaws meet in the middle.
-const PER_STEP: f64 = 0.03;
+const PER_STEP: f64 = 0.02;
 const PER_STEP_OF_TWO: f64 = 0.08;
 
 /// How far a search is: grasps that are done, and grasps in all.
@@ -87,7 +80,8 @@ impl Tally {
     }
 }
 
-/// Tries grasps along the fingers, then across them at the best place, and returns the best place of all.
+/// Tries few grasps at places on a grid, along the fingers and across them, and more at the best of these and beside
+/// them. Returns the best place of all.
 ///
 /// The grasps at neighbouring places count too, because objects do not lie exactly where the hand expects them.
 /// `closing` is 1 for an actuator that closes the hand at the upper end of its range, and -1 for one that closes it at
@@ -102,19 +96,11 @@ pub fn best_place(
     n_fingertips: usize,
     heard: &Heard,
 ) -> Result<Place, SimError> {
-    let mut search = Search::new(task, closing, scale, n_fingertips, heard)?;
-    search.expect(ALONG.len() + 2 + 2 * ACROSS as usize * ROWS, BEST);
-    search.coarse();
-    let [along, _] = search.best();
-    search.grasp([[along - 1, 0], [along + 1, 0]], 0);
-    // The best place along the fingers is not always the best one beside them.
-    for [along, _] in search.ranking().into_iter().take(ROWS).collect::<Vec<_>>() {
-        search.grasp((1..=ACROSS).flat_map(|across| [[along, -across], [along, across]]), 0);
-    }
-    for trial in 1..TRIALS {
-        search.grasp(search.ranking().into_iter().take(BEST), trial);
-    }
-    Ok(search.place(search.best_of_most()))
+    let mut scripts = Scripts::new(task, closing, STEP * scale)?;
+    let mut search =
+        Search::new(task.scenes.len(), per_step(n_fingertips), |jobs, done| scripts.run(jobs, done), heard);
+    let best = search.best_place();
+    Ok(place(&search, best, scale))
 }
 
 /// Tries few grasps, with which the directions of approach of a hand can be compared. See [`best_place`].
@@ -128,102 +114,23 @@ pub fn promise(
     n_fingertips: usize,
     heard: &Heard,
 ) -> Result<Place, SimError> {
-    let mut search = Search::new(task, closing, scale, n_fingertips, heard)?;
-    search.expect(ALONG.len(), 0);
-    search.coarse();
-    Ok(search.place(search.best()))
+    let mut scripts = Scripts::new(task, closing, STEP * scale)?;
+    let mut search =
+        Search::new(task.scenes.len(), per_step(n_fingertips), |jobs, done| scripts.run(jobs, done), heard);
+    let best = search.most_promising();
+    Ok(place(&search, best, scale))
 }
 
-/// The grasps of a search, by the place of the objects in steps.
-struct Search<'a> {
-    scripts: Scripts<'a>,
-    step: f64,
-    per_step: f64,
-    n_scenes: usize,
-    tried: BTreeMap<[i32; 2], Vec<Grasp>>,
-    heard: &'a Heard<'a>,
-    expected: usize,
-    done: usize,
+fn per_step(n_fingertips: usize) -> f64 {
+    if n_fingertips == 2 { PER_STEP_OF_TWO } else { PER_STEP }
 }
 
-impl<'a> Search<'a> {
-    fn new(
-        task: &'a Arc<GraspTask>,
-        closing: &BTreeMap<String, f64>,
-        scale: f64,
-        n_fingertips: usize,
-        heard: &'a Heard<'a>,
-    ) -> Result<Self, SimError> {
-        let per_step = if n_fingertips == 2 { PER_STEP_OF_TWO } else { PER_STEP };
-        let (scripts, n_scenes) = (Scripts::new(task, closing)?, task.scenes.len());
-        let (step, tried) = (STEP * scale, BTreeMap::new());
-        Ok(Search { scripts, step, per_step, n_scenes, tried, heard, expected: 0, done: 0 })
-    }
-
-    fn expect(&mut self, n_places: usize, n_more: usize) {
-        self.expected = self.n_scenes * (n_places + n_more * (TRIALS as usize - 1));
-    }
-
-    fn coarse(&mut self) {
-        self.grasp(ALONG.map(|along| [along, 0]), 0);
-    }
-
-    /// Grasps every object once at each place, unless that was done.
-    fn grasp(&mut self, places: impl IntoIterator<Item = [i32; 2]>, trial: u64) {
-        let new: Vec<[i32; 2]> = places
-            .into_iter()
-            .filter(|place| self.tried.get(place).map_or(0, Vec::len) <= trial as usize * self.n_scenes)
-            .collect();
-        let jobs: Vec<Job> = new
-            .iter()
-            .flat_map(|place| (0..self.n_scenes).map(|scene| (*place, scene)))
-            .map(|(place, scene)| Job { scene, place: place.map(|i| f64::from(i) * self.step), trial })
-            .collect();
-        let heard = self.heard;
-        let (done, expected) = (self.done, self.expected.max(self.done + jobs.len()));
-        let grasps = self.scripts.run(&jobs, &|now| heard(done + now, expected));
-        self.done += jobs.len();
-        for (place, grasps) in new.into_iter().zip(grasps.chunks(self.n_scenes.max(1))) {
-            self.tried.entry(place).or_default().extend_from_slice(grasps);
-        }
-    }
-
-    /// Returns what a place is worth: half its own grasps, half those of its neighbours along the fingers. Where a
-    /// neighbour was not tried, the next place beyond it stands for it, and the place itself if there is none.
-    fn merit(&self, place: [i32; 2]) -> f64 {
-        let [along, across] = place;
-        let worth = |along: i32| self.tried.get(&[along, across]).map(|grasps| Tally::of(grasps).worth());
-        let own = worth(along).unwrap_or(0.0);
-        let beside = |sign: i32| {
-            let next = worth(along + sign);
-            next.or_else(|| worth(along + 2 * sign).map(|beyond| (own + beyond) / 2.0)).unwrap_or(own)
-        };
-        let away = self.per_step * f64::from(along.abs() + across.abs());
-        0.5 * own + 0.25 * (beside(-1) + beside(1)) - away
-    }
-
-    /// Lists the places that were tried, the best first.
-    fn ranking(&self) -> Vec<[i32; 2]> {
-        let mut places: Vec<[i32; 2]> = self.tried.keys().copied().collect();
-        let distance = |place: &[i32; 2]| place[0].abs() + place[1].abs();
-        places.sort_by(|a, b| self.merit(*b).total_cmp(&self.merit(*a)).then(distance(a).cmp(&distance(b))));
-        places
-    }
-
-    fn best(&self) -> [i32; 2] {
-        self.ranking().first().copied().unwrap_or([0, 0])
-    }
-
-    /// Returns the best among the places with most grasps.
-    fn best_of_most(&self) -> [i32; 2] {
-        let count = |place: &[i32; 2]| self.tried.get(place).map_or(0, Vec::len);
-        let most = self.tried.keys().map(count).max().unwrap_or(0);
-        self.ranking().into_iter().find(|place| count(place) == most).unwrap_or([0, 0])
-    }
-
-    fn place(&self, place: [i32; 2]) -> Place {
-        let grasps = self.tried.get(&place).map_or_else(Tally::default, |grasps| Tally::of(grasps));
-        // The trials moved the objects; the hand must be moved the opposite way.
-        Place { shift: place.map(|i| -f64::from(i) * self.step), grasps, merit: self.merit(place) }
+fn place<F>(search: &Search<F>, steps: [i32; 2], scale: f64) -> Place {
+    let grasps = search.grasps(steps);
+    // The trials moved the objects; the hand must be moved the opposite way.
+    Place {
+        shift: steps.map(|i| -f64::from(i) * STEP * scale),
+        grasps: Tally::of(grasps),
+        merit: search.merit(steps, grasps.len()),
     }
 }

@@ -15,17 +15,18 @@ const PHASES: [f64; 4] = [0.7, 0.6, 0.3, 1.4];
 const LIFTED: f64 = 0.05;
 /// Time in s after which a rising hand that has lost the object gives up.
 const LOST: f64 = 0.4;
-/// First seed for an object's random place and orientation. Every place of the hand is tried with the same seeds.
+/// First seed for what is random of an object. Every place of the hand is tried with the same seeds.
 const SEED: u64 = 40;
 
 /// A grasp to try.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Job {
     /// Index of the object.
     pub(super) scene: usize,
-    /// Distance in m by which the object is moved along x and y.
-    pub(super) place: [f64; 2],
-    pub(super) trial: u64,
+    /// Steps by which the object is moved along x and y.
+    pub(super) place: [i32; 2],
+    /// Number of the object's random place, orientation and friction.
+    pub(super) draw: u64,
 }
 
 /// What became of a grasp.
@@ -47,6 +48,8 @@ struct Script<'a> {
     open: Vec<f32>,
     closed: Vec<f32>,
     slide: usize,
+    /// Length in m of a step from place to place.
+    step: f64,
 }
 
 /// A script, and the simulations that carry it out: one for each core.
@@ -56,7 +59,7 @@ pub(super) struct Scripts<'a> {
 }
 
 impl<'a> Scripts<'a> {
-    pub(super) fn new(task: &'a Arc<GraspTask>, closing: &BTreeMap<String, f64>) -> Result<Self, SimError> {
+    pub(super) fn new(task: &'a Arc<GraspTask>, closing: &BTreeMap<String, f64>, step: f64) -> Result<Self, SimError> {
         let open = task.start_action();
         let closed =
             task.actuators.iter().zip(&open).map(|(name, &o)| closing.get(name).map_or(o, |&c| c as f32)).collect();
@@ -68,7 +71,7 @@ impl<'a> Scripts<'a> {
                 Ok(env)
             })
             .collect::<Result<Vec<_>, SimError>>()?;
-        Ok(Scripts { script: Script { task, open, closed, slide: task.slide_action() }, environments })
+        Ok(Scripts { script: Script { task, open, closed, slide: task.slide_action(), step }, environments })
     }
 
     /// Carries out the grasps; `heard` receives how many are done.
@@ -97,9 +100,9 @@ impl<'a> Scripts<'a> {
 impl Script<'_> {
     /// Comes down, closes, and raises the object to its goal.
     fn grasp(&self, env: &mut GraspEnv, job: &Job) -> Result<Grasp, SimError> {
-        let mut random = ChaCha8Rng::seed_from_u64(SEED + job.trial);
+        let mut random = ChaCha8Rng::seed_from_u64(SEED + job.draw);
         env.reset(job.scene, &mut random)?;
-        env.shift_object(job.place);
+        env.shift_object(job.place.map(|i| f64::from(i) * self.step));
         let start = env.achieved_goal();
         let goal = [start[0], start[1], env.desired_goal()[2]];
         let period = self.task.physics.control_period();
