@@ -11,8 +11,8 @@ const ALONG: [i32; 5] = [0, -2, -4, -6, 2];
 const ACROSS: [i32; 3] = [0, -2, 2];
 /// Of so many objects, one is grasped at every place of the grid.
 const EVERY: usize = 2;
-/// Number of the best places of the grid beside which places are tried, in each direction of both axes.
-const REFINED: usize = 2;
+/// Number of the best places beside which places are tried, in each direction of both axes: of the grid, and once more.
+const REFINED: [usize; 2] = [2, 1];
 const BESIDE: [[i32; 2]; 4] = [[-1, 0], [1, 0], [0, -1], [0, 1]];
 /// Number of places at which every object is grasped once, and of those at which it is grasped again.
 const ONCE: usize = 4;
@@ -74,11 +74,13 @@ impl<'a, F: FnMut(&[Job], &(dyn Fn(usize) + Sync)) -> Vec<Grasp>> Search<'a, F> 
     /// Searches the grid, then beside its best places, and returns the best place of those with most grasps.
     pub(super) fn best_place(&mut self) -> [i32; 2] {
         let (few, once, again) = (self.n_scenes.div_ceil(EVERY), self.n_scenes, self.order.len());
-        let n_places = ALONG.len() * ACROSS.len() + REFINED * BESIDE.len();
+        let n_places = ALONG.len() * ACROSS.len() + REFINED.iter().sum::<usize>() * BESIDE.len();
         self.expected = n_places * few + ONCE * (once - few) + AGAIN * (again - once);
         self.grasp(ACROSS.iter().flat_map(|&across| ALONG.map(|along| [along, across])), few);
-        let best = self.ranking(few).into_iter().take(REFINED);
-        self.grasp(best.flat_map(|[along, across]| BESIDE.map(|[x, y]| [along + x, across + y])), few);
+        for n_best in REFINED {
+            let best = self.ranking(few).into_iter().take(n_best);
+            self.grasp(best.flat_map(|[along, across]| BESIDE.map(|[x, y]| [along + x, across + y])), few);
+        }
         self.grasp(self.ranking(few).into_iter().take(ONCE), once);
         self.grasp(self.ranking(once).into_iter().take(AGAIN), again);
         self.ranking(again).first().copied().unwrap_or([0, 0])
@@ -146,7 +148,7 @@ mod tests {
         for good in [[0, 0], [-4, 2], [-3, -2], [2, 2], [-2, 1]] {
             let (place, n_grasps) = found(good);
             assert_eq!(place, good);
-            assert!(n_grasps < 130, "{n_grasps}");
+            assert!(n_grasps < 140, "{n_grasps}");
         }
     }
 
