@@ -80,7 +80,9 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
 fn a_confined_policy_has_the_frozen_space_and_learns_with_fewer_numbers() {
     let run = Run::new(gripper_with_vane());
     let settings = ["lambda=1", "synergy.components=2", "synergy.settle=0.3", "synergy.motions=4"];
-    let config = tiny(&[&LONGER[..], &settings].concat());
+    // Long enough for a policy that begins anew to succeed with one number too.
+    let learns = ["episodes=240", "training.replay_episodes=400", "learner.hidden=[32, 32]", "learner.gamma=0.95"];
+    let config = tiny(&[&LONGER[..], &settings, &learns].concat());
     run.train(&config);
     let database = PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap();
     let (postures, motions) = (database.load().unwrap(), database.motions().unwrap());
@@ -165,7 +167,8 @@ fn the_space_that_is_measured_is_the_exported_one() {
 #[test]
 fn driving_with_as_many_numbers_as_actuators_is_the_policy_and_with_fewer_it_is_not() {
     let run = Run::new(gripper_with_vane());
-    let summary = run.train(&tiny(&[&LONGER[..], &["lambda=0", "evaluation.selection_episodes=40"]].concat()));
+    let summary =
+        run.train(&tiny(&[&LONGER[..], &["episodes=60", "lambda=0", "evaluation.selection_episodes=40"]].concat()));
     let place = TempDir::new().unwrap();
     let finished = open(&run, &place);
     let drive = |free: &Freedom| finished.drive(0..=2, free, 20, 3, 1, |_| {});
