@@ -8,7 +8,7 @@ use eigenhand_synergy::{PostureDatabase, PostureRecord, Source};
 use eigenhand_train::{FinishedRun, Freedom};
 use tempfile::TempDir;
 
-use crate::gripper::{LONGER, TURN, VANE};
+use crate::gripper::{ANEW, LONGER, TURN, VANE};
 use crate::support::{Run, StopAfter, gripper_with, tiny, write_gripper};
 use crate::training::assert_same;
 
@@ -80,9 +80,7 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
 fn a_confined_policy_has_the_frozen_space_and_learns_with_fewer_numbers() {
     let run = Run::new(gripper_with_vane());
     let settings = ["lambda=1", "synergy.components=2", "synergy.settle=0.3", "synergy.motions=4"];
-    // Long enough for a policy that begins anew to succeed with one number too.
-    let learns = ["episodes=240", "training.replay_episodes=400", "learner.hidden=[32, 32]", "learner.gamma=0.95"];
-    let config = tiny(&[&LONGER[..], &settings, &learns].concat());
+    let config = tiny(&[&LONGER[..], &settings, &ANEW].concat());
     run.train(&config);
     let database = PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap();
     let (postures, motions) = (database.load().unwrap(), database.motions().unwrap());
