@@ -30,15 +30,22 @@ fn confinement_survives_a_stop_and_any_number_of_workers() {
         run.start(&tiny(settings), &stop, &mut StopAfter { episodes, stop: &stop });
         run
     };
-    for episodes in [40, 56] {
+    // The first stop is before the space is settled, the second after.
+    let is_settled = |run: &Run| {
+        let (_, newest) = run.snapshot().into_iter().rfind(|(path, _)| path.ends_with("state.toml")).unwrap();
+        String::from_utf8(newest).unwrap().contains("settled_at")
+    };
+    for (episodes, settled) in [(40, false), (80, true)] {
         let run = stopped(&CONFINED, episodes);
+        assert_eq!(is_settled(&run), settled, "after {episodes} episodes");
         assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
     }
     // With two components, every other episode has one number.
     let nested = [&LONGER[..], &["synergy.components=2", "synergy.settle=0.4", "synergy.motions=4"]].concat();
     let both = Run::new(gripper_with_vane());
     let summary_of_both = both.train(&tiny(&nested));
-    let run = stopped(&nested, 44);
+    let run = stopped(&nested, 80);
+    assert!(is_settled(&run));
     assert_same((&both, summary_of_both), (&run, run.resume_to_the_end()));
     let again = Run::new(gripper_with_vane());
     let same = again.train(&tiny(&[&CONFINED[..], &["workers=3"]].concat()));

@@ -10,6 +10,7 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 #[path = "../../../tests/workspace/gripper.rs"]
+#[allow(dead_code)]
 mod gripper;
 
 /// A directory with the hand, in which commands run.
