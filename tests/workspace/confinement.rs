@@ -8,7 +8,7 @@ use eigenhand_synergy::{PostureDatabase, PostureRecord, Source};
 use eigenhand_train::{FinishedRun, Freedom};
 use tempfile::TempDir;
 
-use crate::gripper::{LONGER, TURN, VANE};
+use crate::gripper::{ANEW, LONGER, TURN, VANE};
 use crate::support::{Run, StopAfter, gripper_with, tiny, write_gripper};
 use crate::training::assert_same;
 
@@ -30,15 +30,22 @@ fn confinement_survives_a_stop_and_any_number_of_workers() {
         run.start(&tiny(settings), &stop, &mut StopAfter { episodes, stop: &stop });
         run
     };
-    for episodes in [40, 56] {
+    // The first stop is before the space is settled, the second after.
+    let is_settled = |run: &Run| {
+        let (_, newest) = run.snapshot().into_iter().rfind(|(path, _)| path.ends_with("state.toml")).unwrap();
+        String::from_utf8(newest).unwrap().contains("settled_at")
+    };
+    for (episodes, settled) in [(40, false), (80, true)] {
         let run = stopped(&CONFINED, episodes);
+        assert_eq!(is_settled(&run), settled, "after {episodes} episodes");
         assert_same((&whole, summary.clone()), (&run, run.resume_to_the_end()));
     }
     // With two components, every other episode has one number.
     let nested = [&LONGER[..], &["synergy.components=2", "synergy.settle=0.4", "synergy.motions=4"]].concat();
     let both = Run::new(gripper_with_vane());
     let summary_of_both = both.train(&tiny(&nested));
-    let run = stopped(&nested, 44);
+    let run = stopped(&nested, 80);
+    assert!(is_settled(&run));
     assert_same((&both, summary_of_both), (&run, run.resume_to_the_end()));
     let again = Run::new(gripper_with_vane());
     let same = again.train(&tiny(&[&CONFINED[..], &["workers=3"]].concat()));
@@ -80,7 +87,7 @@ fn a_policy_ends_as_far_inside_its_synergy_as_lambda_says() {
 fn a_confined_policy_has_the_frozen_space_and_learns_with_fewer_numbers() {
     let run = Run::new(gripper_with_vane());
     let settings = ["lambda=1", "synergy.components=2", "synergy.settle=0.3", "synergy.motions=4"];
-    let config = tiny(&[&LONGER[..], &settings].concat());
+    let config = tiny(&[&LONGER[..], &settings, &ANEW].concat());
     run.train(&config);
     let database = PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap();
     let (postures, motions) = (database.load().unwrap(), database.motions().unwrap());
@@ -165,7 +172,8 @@ fn the_space_that_is_measured_is_the_exported_one() {
 #[test]
 fn driving_with_as_many_numbers_as_actuators_is_the_policy_and_with_fewer_it_is_not() {
     let run = Run::new(gripper_with_vane());
-    let summary = run.train(&tiny(&[&LONGER[..], &["lambda=0", "evaluation.selection_episodes=40"]].concat()));
+    let summary =
+        run.train(&tiny(&[&LONGER[..], &["episodes=60", "lambda=0", "evaluation.selection_episodes=40"]].concat()));
     let place = TempDir::new().unwrap();
     let finished = open(&run, &place);
     let drive = |free: &Freedom| finished.drive(0..=2, free, 20, 3, 1, |_| {});

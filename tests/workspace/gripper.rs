@@ -92,6 +92,10 @@ pub const TINY: [&str; 40] = [
 /// Enough episodes and updates for a policy that succeeds by itself; a scripted success is no part of a synergy.
 pub const LONGER: [&str; 3] = ["episodes=120", "training.updates_per_episode=20", "exploration.random_hold_steps=6"];
 
+/// After [`LONGER`]: long enough for a policy that begins anew to succeed with few numbers too.
+pub const ANEW: [&str; 4] =
+    ["episodes=240", "training.replay_episodes=400", "learner.hidden=[32, 32]", "learner.gamma=0.95"];
+
 /// A vane, and the actuator that turns it: with it, one component cannot give all commands of the gripper.
 pub const VANE: &str = r#"<body name="vane" pos="0 0 0.05">
         <joint name="vane_joint" type="hinge" axis="0 0 1" range="-60 60" damping="0.1"/>

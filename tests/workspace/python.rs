@@ -9,7 +9,7 @@ use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, TensorMap};
 
 use crate::confinement::gripper_with_vane;
-use crate::gripper::LONGER;
+use crate::gripper::{ANEW, LONGER};
 use crate::support::{DieAfter, Run, gripper, python, python_has, registry, tiny, workspace};
 
 /// Runs an example and returns what it printed; it must succeed.
@@ -110,7 +110,7 @@ fn the_policy_runs_with_fewer_numbers() {
         return;
     }
     let run = Run::new(gripper_with_vane());
-    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"]].concat()));
+    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"], &ANEW].concat()));
     let played = |arguments: &[&str]| {
         let printed = example("run_policy.py", &[&["--episodes", "3"], arguments].concat(), &run.path);
         printed.lines().filter(|line| line.contains("episode")).map(str::to_owned).collect::<Vec<_>>()

@@ -14,11 +14,11 @@ fn trained(lambda: f64, seed: u64) -> Run {
     run
 }
 
-/// Trains tiny runs until one succeeds often enough for an analysis of its grasps.
+/// Trains tiny runs in joint space until one succeeds often enough for an analysis of its grasps.
 fn analysed() -> Run {
     let train = |seed: u64| {
         let run = Run::new(gripper());
-        run.train(&tiny(&["lambda=1", "episodes=48", &format!("seed={seed}")]));
+        run.train(&tiny(&["lambda=1", "episodes=48", "synergy.settle=1", &format!("seed={seed}")]));
         run
     };
     let is_analysed = |run: &Run| read(run).unwrap()[0].summary.as_ref().unwrap().content.is_some();

@@ -41,6 +41,23 @@ pub(crate) fn each_in_world<E>(
     elements_mut(root).filter(|e| e.name == "worldbody").try_for_each(|world| each_in_bodies(world, None, act))
 }
 
+/// Reads a number of each joint that has a name; 0 where the file states none.
+pub(crate) fn of_each_joint(
+    root: &mut Element,
+    defaults: &Defaults,
+    key: &str,
+    file: &Path,
+) -> Result<BTreeMap<String, f64>, HandError> {
+    let mut found = BTreeMap::new();
+    each_in_world(root, &mut |element, class| {
+        if let Some(name) = element.attributes.get("name").filter(|_| element.name == "joint") {
+            found.insert(name.clone(), defaults.resolve(element, class, file)?.number(key)?.unwrap_or(0.0));
+        }
+        Ok::<(), HandError>(())
+    })?;
+    Ok(found)
+}
+
 /// Unit of angles in a model file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AngleUnit {

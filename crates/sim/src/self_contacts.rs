@@ -75,8 +75,8 @@ impl SelfContacts {
         complete.then_some(()).ok_or_else(|| SimError::Hand {
             hand: hand.manifest.name.clone(),
             reason:
-                "with physics.self_collision, the model must state every geom as a <geom> of its own body: do so, or \
-                     switch it off (--set physics.self_collision=false)"
+                "physics.self_collision needs a model that states every geom as a <geom> of its own body; change the \
+                     model, or set physics.self_collision=false"
                     .to_owned(),
         })
     }

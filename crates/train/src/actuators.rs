@@ -124,9 +124,9 @@ impl HandActuators {
             let (centre, half) = scales[i];
             let row = &mut matrix[action * n_outputs..][..n_outputs];
             let mut command = space.mean()[i];
-            for c in 0..used {
+            for (c, out) in row.iter_mut().enumerate().take(used) {
                 let ((low, high), weight) = (range(c), space.component(c)[i]);
-                row[c] = (weight * (high - low) / 2.0 / half) as f32;
+                *out = (weight * (high - low) / 2.0 / half) as f32;
                 command += weight * (high + low) / 2.0;
             }
             // The part of the rest that lies outside the space.

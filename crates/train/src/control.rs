@@ -81,6 +81,13 @@ impl Control {
         in_time && self.settled.is_none() && self.starts.len() >= self.config.motions
     }
 
+    /// (training episodes before the last cycle, and so far) => whether the time in which the space can be settled has just
+    /// passed without it
+    pub fn is_too_late(&self, previous: u64, episode: u64) -> bool {
+        let passed = |[_, to]: [f64; 2]| (previous as f64) < to && to <= episode as f64;
+        self.settled.is_none() && self.between.is_some_and(passed)
+    }
+
     /// (training episodes before) => settles the space of the newest motions, unless there are too few
     ///
     /// # Errors
@@ -131,5 +138,59 @@ impl Control {
         let Some(Settled { space, .. }) = &self.settled else { return Ok(None) };
         let roles = Roles::of(config, hand, task, &self.actuators);
         Outputs::of(space, space.n_components(), self.rest, true, &roles).map(Some)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::actuators::tests::actuators;
+
+    /// A motion of two steps whose commands no other episode has.
+    fn motion(episode: u64) -> [MotionRecord; 2] {
+        [0, 1].map(|step| MotionRecord {
+            episode,
+            object: "cube".to_owned(),
+            step,
+            held: step == 1,
+            posture: vec![0.0, 0.0],
+            command: vec![episode as f64, f64::from(step), 2.0 + (episode as f64).sin()],
+        })
+    }
+
+    /// Returns the control of a training of so many episodes, with motions of the first of them.
+    fn control(episodes: u64, known: u64) -> Control {
+        let mut config = RunConfig::default_preset().unwrap();
+        config.episodes = episodes;
+        (config.synergy.settle, config.synergy.motions, config.synergy.components) = (0.2, 3, 2);
+        let mut control = Control::new(&config, actuators());
+        control.add((0..known).flat_map(motion));
+        control
+    }
+
+    #[test]
+    fn the_space_is_settled_once_in_its_time() {
+        let mut ready = control(100, 10);
+        assert_eq!([19, 20, 79, 80].map(|episode| ready.is_due(episode)), [false, true, true, false]);
+        ready.settle(8).unwrap();
+        assert!(!ready.is_due(20) && !ready.is_too_late(78, 80) && ready.is_confined());
+        // The newest motions before episode 8, whatever comes after.
+        let samples: Vec<Vec<f64>> = (5..8).flat_map(motion).map(|step| step.command).collect();
+        let expected = Synergy::fit(&ready.actuators.coordinates, &samples, 2).unwrap();
+        ready.add(motion(10));
+        assert_eq!(ready.space(100).unwrap(), Some(expected.clone()));
+        // A run that is resumed with more episodes has the space of before.
+        let mut longer = control(1000, 11);
+        longer.settle(8).unwrap();
+        assert_eq!(longer.space(100).unwrap(), Some(expected));
+        assert_eq!((longer.settled_at(), longer.is_due(200)), (Some(8), false));
+    }
+
+    #[test]
+    fn too_few_motions_leave_all_joints() {
+        let few = control(100, 2);
+        assert!((0..=100).all(|episode| !few.is_due(episode)));
+        assert_eq!([(76, 78), (78, 80), (80, 82)].map(|(from, to)| few.is_too_late(from, to)), [false, true, false]);
+        assert!(!few.is_confined());
     }
 }

@@ -13,10 +13,11 @@ use eigenhand_sim::GraspTask;
 use eigenhand_synergy::Synergy;
 use rayon::ThreadPool;
 
+use crate::action_space::Outputs;
 use crate::actuators::HandActuators;
 use crate::assignment::Assignment;
 use crate::checkpoint::{Checkpoints, Restored};
-use crate::config::{EvaluationConfig, RunConfig};
+use crate::config::{EvaluationConfig, RunConfig, SynergyConfig};
 use crate::control::Control;
 use crate::counters::{Counters, UpdateSums};
 use crate::drive::Driver;
@@ -61,14 +62,14 @@ impl Trainer {
     /// # Errors
     /// The first fault of the configuration, the hand or the directory.
     pub fn create(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, hand, task, run, space, .. } = &assignment;
-        let dimensions = assignment.dimensions(space.as_ref().map(|space| &space.outputs));
-        let mut random = rng::stream(config.seed, "init", 0);
-        let learner = Ddpg::new(config.learner.clone(), dimensions, &mut random)?;
-        let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
-        let postures = Postures::open(run, config, task, &HandActuators::of(hand, task))?;
+        let Assignment { config, hand, task, run, .. } = &assignment;
         let control = Control::new(config, HandActuators::of(hand, task));
-        Trainer::assemble(assignment, learner, postures, control, checkpoints, Counters::default())
+        let postures = Postures::open(run, config, task, &control.actuators)?;
+        let outputs = outputs(&assignment, &control)?;
+        let mut random = rng::stream(config.seed, "init", 0);
+        let learner = Ddpg::new(config.learner.clone(), assignment.dimensions(outputs.as_ref()), &mut random)?;
+        let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
+        Trainer::assemble(assignment, learner, outputs, postures, control, checkpoints, Counters::default())
     }
 
     /// Continues the run in a directory from its newest checkpoint, as if it had not stopped.
@@ -76,18 +77,17 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Damaged`] for a damaged file of the checkpoint, and the errors of [`create`](Self::create).
     pub fn resume(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, hand, task, run, space, .. } = &assignment;
+        let Assignment { config, hand, task, run, .. } = &assignment;
         let (checkpoints, restored) =
             Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
         let Restored { counters, learner, finalists, episodes } = restored;
-        let mut postures = Postures::open(run, config, task, &HandActuators::of(hand, task))?;
         let mut control = Control::new(config, HandActuators::of(hand, task));
+        let mut postures = Postures::open(run, config, task, &control.actuators)?;
         control.add(postures.restore(run, counters.episodes, counters.postures)?);
         counters.settled_at.map_or(Ok(()), |episode| control.settle(episode))?;
-        let settled = control.outputs(config, hand, task)?;
-        let outputs = settled.as_ref().or(space.as_ref().map(|space| &space.outputs));
-        let learner = Ddpg::from_tensors(config.learner.clone(), assignment.dimensions(outputs), &learner)?;
-        let mut trainer = Trainer::assemble(assignment, learner, postures, control, checkpoints, counters)?;
+        let outputs = outputs(&assignment, &control)?;
+        let learner = Ddpg::from_tensors(config.learner.clone(), assignment.dimensions(outputs.as_ref()), &learner)?;
+        let mut trainer = Trainer::assemble(assignment, learner, outputs, postures, control, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
         trainer.refit()?;
@@ -96,7 +96,8 @@ impl Trainer {
 
     fn assemble(
         assignment: Assignment,
-        learner: Ddpg,
+        mut learner: Ddpg,
+        outputs: Option<Outputs>,
         postures: Postures,
         control: Control,
         checkpoints: Checkpoints,
@@ -104,7 +105,9 @@ impl Trainer {
     ) -> Result<Trainer, TrainError> {
         let Assignment { config, provenance, hand, task, run, .. } = &assignment;
         let shape = episode_shape(task);
-        let mut trainer = Trainer {
+        let exploration = exploration_of(config, hand, task, outputs.as_ref())?;
+        learner.set_numbers(outputs.map(|outputs| outputs.numbers).unwrap_or_default());
+        Ok(Trainer {
             pool: WorkerPool::new(task, config.worker_count())?,
             learning: learning_threads(config.learner_thread_count())?,
             replay: Replay::new(config.training.replay_episodes, shape)?,
@@ -117,7 +120,7 @@ impl Trainer {
             postures,
             control,
             journal: Journal::open(run, config, provenance, counters.episodes)?,
-            exploration: exploration_of(config, hand, task, None)?,
+            exploration,
             wall_before: counters.wall_s,
             counters,
             finalists: Finalists::default(),
@@ -125,21 +128,7 @@ impl Trainer {
             assignment,
             learner,
             checkpoints,
-        };
-        trainer.act_in_numbers()?;
-        Ok(trainer)
-    }
-
-    /// Lets the learner act in the numbers of the policy's space, if it has one: the settled control synergy, or a synergy
-    /// that was made before.
-    fn act_in_numbers(&mut self) -> Result<(), TrainError> {
-        let Assignment { config, hand, task, space, .. } = &self.assignment;
-        let settled = self.control.outputs(config, hand, task)?;
-        if let Some(outputs) = settled.or(space.as_ref().map(|space| space.outputs.clone())) {
-            self.exploration = exploration_of(config, hand, task, Some(&outputs))?;
-            self.learner.set_numbers(outputs.numbers);
-        }
-        Ok(())
+        })
     }
 
     /// Trains until all episodes are done or `stop` is set.
@@ -164,13 +153,7 @@ impl Trainer {
             let episodes = self.pool.collect()?;
             let previous = self.counters.episodes;
             self.store(episodes)?;
-            if self.settle()? {
-                let numbers = self.assignment.config.synergy.components;
-                progress.note(&format!(
-                    "episode {}: the control synergy is settled, and the policy begins anew in its {numbers} numbers",
-                    self.counters.episodes
-                ));
-            }
+            self.settle(previous, progress)?;
             self.counters.wall_s = self.wall_s();
             let done = self.counters.episodes;
             let crossed = |every: u64| previous / every != done / every || done == total;
@@ -275,20 +258,31 @@ impl Trainer {
     }
 
     /// Settles the control synergy when it is time, and begins anew with a policy that acts in it. Replay and the
-    /// statistics of the inputs stay. Returns whether it did.
-    fn settle(&mut self) -> Result<bool, TrainError> {
+    /// statistics of the inputs stay. Says so, and also if it has become too late.
+    fn settle(&mut self, previous: u64, progress: &mut dyn Progress) -> Result<(), TrainError> {
         let episode = self.counters.episodes;
-        if !self.control.is_due(episode) {
-            return Ok(false);
+        let SynergyConfig { motions, .. } = self.assignment.config.synergy;
+        if self.control.is_due(episode) {
+            self.control.settle(episode)?;
+            self.counters.settled_at = self.control.settled_at();
+            let Some(outputs) = outputs(&self.assignment, &self.control)? else { return Ok(()) };
+            let Assignment { config, hand, task, .. } = &self.assignment;
+            let (dimensions, mut random) =
+                (self.assignment.dimensions(Some(&outputs)), rng::stream(config.seed, "init", 1));
+            self.learner = self.learner.begin_anew(dimensions, &mut random)?;
+            self.exploration = exploration_of(config, hand, task, Some(&outputs))?;
+            self.learner.set_numbers(outputs.numbers);
+            progress.note(&format!(
+                "episode {episode}: the control synergy is settled, and the policy begins anew in its numbers"
+            ));
+        } else if self.control.is_too_late(previous, episode) {
+            progress.note(&format!(
+                "episode {episode}: the policy keeps all joints, because fewer than {motions} noise-free episodes have \
+                 succeeded, and the rest of the training is too short to begin anew; a longer training can do so \
+                 (--episodes)"
+            ));
         }
-        self.control.settle(episode)?;
-        self.counters.settled_at = self.control.settled_at();
-        let Assignment { config, hand, task, .. } = &self.assignment;
-        let Some(outputs) = self.control.outputs(config, hand, task)? else { return Ok(false) };
-        let dimensions = self.assignment.dimensions(Some(&outputs));
-        self.learner = self.learner.begin_anew(dimensions, &mut rng::stream(config.seed, "init", 1))?;
-        self.act_in_numbers()?;
-        Ok(true)
+        Ok(())
     }
 
     /// Makes all updates that the episodes so far allow.
@@ -401,4 +395,12 @@ impl Trainer {
     pub(crate) fn wall_s(&self) -> f64 {
         self.wall_before + self.started.elapsed().as_secs_f64()
     }
+}
+
+/// Returns the outputs of a policy that acts in a synergy: the settled control synergy, or one that was made before. None
+/// if the policy commands every actuator.
+fn outputs(assignment: &Assignment, control: &Control) -> Result<Option<Outputs>, TrainError> {
+    let Assignment { config, hand, task, space, .. } = assignment;
+    let settled = control.outputs(config, hand, task)?;
+    Ok(settled.or_else(|| space.as_ref().map(|space| space.outputs.clone())))
 }

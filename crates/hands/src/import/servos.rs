@@ -8,7 +8,7 @@ use xmltree::Element;
 
 use super::imported::Imported;
 use crate::error::HandError;
-use crate::mjcf::{Defaults, each_in_world, section};
+use crate::mjcf::{Defaults, of_each_joint, section};
 use crate::model::Joints;
 use crate::parts::Transmission;
 use crate::servo;
@@ -79,15 +79,7 @@ fn integrate_implicitly(root: &mut Element, file: &Path) -> Result<(), HandError
 /// Reads the damping of each joint.
 fn damping(root: &mut Element, file: &Path) -> Result<BTreeMap<String, f64>, HandError> {
     let defaults = Defaults::read(root, file)?;
-    let mut found = BTreeMap::new();
-    each_in_world(root, &mut |element, class| {
-        if let Some(name) = element.attributes.get("name").filter(|_| element.name == "joint") {
-            let value = defaults.resolve(element, class, file)?.number("damping")?.unwrap_or(0.0);
-            found.insert(name.clone(), value);
-        }
-        Ok::<(), HandError>(())
-    })?;
-    Ok(found)
+    of_each_joint(root, &defaults, "damping", file)
 }
 
 /// Gives actuators without a control range one: the range that covers the whole joint, or a guess.

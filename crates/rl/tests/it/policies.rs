@@ -81,6 +81,27 @@ fn an_imported_policy_acts_as_the_exported_one() {
     }
 }
 
+#[test]
+fn a_learner_that_begins_anew_keeps_what_it_knows_of_its_inputs_alone() {
+    let mut draws = rng::stream(31, "policy", 0);
+    let config = DdpgConfig { hidden: vec![9, 7], batch_size: BATCH, ..learner_config() };
+    let mut learner = Ddpg::new(config, Dimensions::of(SHAPE), &mut draws).unwrap();
+    let batch = random_batch(BATCH, SHAPE, &mut draws);
+    learner.update_normalizers(&batch.observations, &batch.goals);
+    learner.update(&batch);
+    let same = learner.begin_anew(Dimensions::of(SHAPE), &mut draws).unwrap().to_tensors();
+    let before = learner.to_tensors();
+    for (name, tensor) in before.iter() {
+        let is_of_inputs = name.starts_with("observation.") || name.starts_with("goal.");
+        let is_constant = name == "schema" || name.ends_with("learning_rate");
+        assert!(is_constant || (same.get(name).unwrap() == tensor) == is_of_inputs, "{name}");
+    }
+    assert_eq!(same.u64("n_updates").unwrap(), 0);
+    let smaller = Dimensions { n_outputs: 2, told_numbers: true, ..Dimensions::of(SHAPE) };
+    let policy = learner.begin_anew(smaller, &mut draws).unwrap().policy(ActorChoice::Online);
+    assert_eq!(policy.n_outputs(), 2);
+}
+
 /// What a policy is told is one more input, and its export adds the weights of that input to the first biases.
 #[test]
 fn a_policy_that_has_fewer_numbers_is_told_so() {

@@ -6,7 +6,7 @@ use std::path::Path;
 use xmltree::Element;
 
 use crate::error::HandError;
-use crate::mjcf::{Attributes, Defaults, each_in_world};
+use crate::mjcf::{Attributes, Defaults, each_in_world, of_each_joint};
 use crate::notes::note;
 use crate::xml::{attribute, elements_mut, numbers, set};
 
@@ -90,7 +90,7 @@ pub(super) fn velocity_feedback(
     file: &Path,
     notes: &mut Vec<String>,
 ) -> Result<(), HandError> {
-    let inertias = armatures(root, defaults, file)?;
+    let inertias = of_each_joint(root, defaults, "armature", file)?;
     let mut changed = 0;
     for section in elements_mut(root).filter(|e| e.name == "actuator") {
         for actuator in elements_mut(section) {
@@ -153,19 +153,6 @@ fn newer_servo(tag: &str, attributes: &Attributes) -> Result<Option<(f64, Feedba
         }
         _ => None,
     };
-    Ok(found)
-}
-
-/// Reads the armature of each joint.
-fn armatures(root: &mut Element, defaults: &Defaults, file: &Path) -> Result<BTreeMap<String, f64>, HandError> {
-    let mut found = BTreeMap::new();
-    each_in_world(root, &mut |element, class| {
-        if let Some(name) = element.attributes.get("name").filter(|_| element.name == "joint") {
-            let armature = defaults.resolve(element, class, file)?.number("armature")?.unwrap_or(0.0);
-            found.insert(name.clone(), armature);
-        }
-        Ok::<(), HandError>(())
-    })?;
     Ok(found)
 }
 

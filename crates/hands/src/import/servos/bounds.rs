@@ -115,8 +115,8 @@ impl Bounds {
             };
             let named: Vec<&str> = self.limited.iter().take(NAMED).map(String::as_str).collect();
             parts.push(format!(
-                "a force limit of at most {TORQUE} N m (slides {FORCE} N) for {}{more}, which had none or one that no \
-                 finger has",
+                "a force limit of at most {TORQUE} N m (slides {FORCE} N; joints that carry several fingers \
+                 {CARRIER_TORQUE} N m) for {}{more}, which had none or one that no finger has",
                 named.join(", ")
             ));
         }
