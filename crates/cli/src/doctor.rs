@@ -87,7 +87,7 @@ fn mujoco() -> Finding {
             let mend = if std::env::var_os(LIBRARY_VARIABLE).is_some_and(|value| !value.is_empty()) {
                 format!("unset {LIBRARY_VARIABLE}")
             } else {
-                format!("sudo {}    ({} installs it too)", setup::install_line(), program::line("train"))
+                setup::how_to_install()
             };
             (false, error.to_string(), Some(mend))
         }

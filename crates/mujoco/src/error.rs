@@ -7,9 +7,9 @@ pub enum MuJoCoError {
     #[error(
         "cannot load MuJoCo (tried {tried}): {reason}\n{}",
         if *.overridden {
-            "EIGENHAND_MUJOCO_LIB names that file: correct it, or unset it to use Debian's package libmujoco2.2.2"
+            "EIGENHAND_MUJOCO_LIB names that file: correct it, or unset it to use Debian's package libmujoco2.2.2 or the library from PyPI"
         } else {
-            "install Debian's package: apt-get install libmujoco2.2.2, or set EIGENHAND_MUJOCO_LIB to a libmujoco.so.2.2.2"
+            "commands that need MuJoCo install it, unless --no-install or EIGENHAND_NO_INSTALL forbids it: Debian's package libmujoco2.2.2, or the library from PyPI; to use a library of your own, set EIGENHAND_MUJOCO_LIB to a libmujoco.so.2.2.2"
         }
     )]
     LibraryMissing {

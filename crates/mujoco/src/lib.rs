@@ -34,5 +34,5 @@ pub use data::{Contact, Data, WarningCounts};
 pub use error::MuJoCoError;
 pub use geoms::{GeomShape, MeshView};
 pub use ids::{ActuatorId, BodyId, GeomId, JointId, SiteId};
-pub use library::{LIBRARY_VARIABLE, MuJoCo, REQUIRED_VERSION};
+pub use library::{LIBRARY_FILE, LIBRARY_VARIABLE, MuJoCo, REQUIRED_VERSION, fetched_library};
 pub use model::Model;

@@ -2,6 +2,7 @@
 
 use std::error::Error;
 use std::ffi::{CStr, OsString, c_char, c_int};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use libloading::Library;
@@ -15,7 +16,18 @@ pub const LIBRARY_VARIABLE: &str = "EIGENHAND_MUJOCO_LIB";
 /// The version that the bindings describe, as `mj_version` encodes it.
 pub const REQUIRED_VERSION: i32 = mjVERSION_HEADER as i32;
 
-const SYSTEM_NAMES: [&str; 2] = ["libmujoco.so.2.2.2", "libmujoco.so"];
+/// File name of the library.
+pub const LIBRARY_FILE: &str = if cfg!(target_os = "macos") { "libmujoco.2.2.2.dylib" } else { "libmujoco.so.2.2.2" };
+
+const SYSTEM_NAMES: [&str; 2] =
+    [LIBRARY_FILE, if cfg!(target_os = "macos") { "libmujoco.dylib" } else { "libmujoco.so" }];
+
+/// Returns the path in the user's cache where a library is looked for if the system has none; none without a home
+/// directory.
+pub fn fetched_library() -> Option<PathBuf> {
+    let project = directories::ProjectDirs::from("", "", "eigenhand")?;
+    Some(project.cache_dir().join("mujoco-2.2.2").join(LIBRARY_FILE))
+}
 
 type Handler = Option<unsafe extern "C" fn(*const c_char)>;
 
@@ -28,8 +40,9 @@ pub struct MuJoCo {
 impl MuJoCo {
     /// Loads the library once per process and returns the shared handle.
     ///
-    /// The search order is `EIGENHAND_MUJOCO_LIB`, `libmujoco.so.2.2.2`, `libmujoco.so`. Any number of threads may call
-    /// it at once.
+    /// With `EIGENHAND_MUJOCO_LIB`, that library is loaded and no other. Otherwise the search order is
+    /// `libmujoco.so.2.2.2`, `libmujoco.so` (on macOS, the `.dylib` of these names), [`fetched_library`]. Any number of
+    /// threads may call it at once.
     ///
     /// # Errors
     /// [`MuJoCoError::LibraryMissing`] when no library opens, [`MuJoCoError::LibraryVersion`] when it has
@@ -61,7 +74,10 @@ impl MuJoCo {
         let chosen = std::env::var_os(LIBRARY_VARIABLE).filter(|value| !value.is_empty());
         let candidates: Vec<OsString> = match &chosen {
             Some(path) => vec![path.clone()],
-            None => SYSTEM_NAMES.iter().map(OsString::from).collect(),
+            None => {
+                let fetched = fetched_library().filter(|path| path.is_file()).map(PathBuf::into_os_string);
+                SYSTEM_NAMES.iter().map(OsString::from).chain(fetched).collect()
+            }
         };
         let mut reasons = Vec::new();
         for candidate in &candidates {
@@ -113,8 +129,11 @@ impl MuJoCo {
     }
 }
 
-/// `version` 222 => "2.2.2"
+/// `version` 222 => "2.2.2"; 4000000 => "4.0.0", as MuJoCo writes it since then
 fn format_version(version: i32) -> String {
+    if version >= 1_000_000 {
+        return format!("{}.{}.{}", version / 1_000_000, version / 1000 % 1000, version % 1000);
+    }
     format!("{}.{}.{}", version / 100, version / 10 % 10, version % 10)
 }
 
@@ -148,6 +167,11 @@ mod tests {
             threads.into_iter().map(|thread| thread.join().expect("no panic")).collect()
         });
         assert!(loaded.iter().all(|library| Arc::ptr_eq(library, &loaded[0])));
+    }
+
+    #[test]
+    fn versions_are_read_in_both_ways_of_writing_them() {
+        assert_eq!([222, 337, 4_000_000, 4_012_003].map(format_version), ["2.2.2", "3.3.7", "4.0.0", "4.12.3"]);
     }
 
     #[test]
