@@ -108,12 +108,15 @@ pub struct SettingsArgs {
     /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     pub plugins: Vec<PathBuf>,
+    /// Trains a hand that fails the hand contract, too
+    #[arg(long)]
+    pub force: bool,
 }
 
 impl SettingsArgs {
     /// Returns command-line arguments with the same meaning.
     pub fn arguments(&self) -> Vec<OsString> {
-        let SettingsArgs { preset, episodes, objects, config, assignments, plugins } = self;
+        let SettingsArgs { preset, episodes, objects, config, assignments, plugins, force } = self;
         let mut arguments: Vec<OsString> = Vec::new();
         let mut option = |name: &str, value: OsString| arguments.extend([name.into(), value]);
         if let Some(preset) = preset {
@@ -130,6 +133,9 @@ impl SettingsArgs {
         }
         assignments.iter().for_each(|assignment| option("--set", assignment.into()));
         plugins.iter().for_each(|directory| option("--plugins", directory.into()));
+        if *force {
+            arguments.push("--force".into());
+        }
         arguments
     }
 
@@ -141,6 +147,7 @@ impl SettingsArgs {
             assignments: self.assignments.clone(),
             episodes: self.episodes,
             objects: self.objects.clone(),
+            force: self.force,
             hands: search_path(&self.plugins),
             ..NewRun::default()
         }

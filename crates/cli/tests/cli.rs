@@ -546,6 +546,14 @@ fn a_new_hand_that_cannot_grasp_is_told_and_warned_of() {
     assert!(!said.contains("train --hand"), "{said}");
     let shown = run(&["hands", "show", out_text]);
     assert!(String::from_utf8(shown.stdout).unwrap().contains("cannot grasp"));
+    let run_directory = place.path().join("run");
+    let mut train = tiny(out_text, &run_directory);
+    let refused = run(&train.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_error(&refused, FAILURE, &["hand contract", "cannot grasp", "--force"]);
+    assert!(!run_directory.exists());
+    train.extend(["--force", "--episodes", "10"].map(str::to_owned));
+    let forced = run(&train.iter().map(String::as_str).collect::<Vec<_>>());
+    assert!(forced.status.success() && stderr(&forced).contains("cannot grasp"), "{}", stderr(&forced));
 }
 
 #[test]

@@ -37,7 +37,8 @@ impl Place {
         let mut command = self.eigenhand(&["reproduce", "--hand", "gripper", "--out", "all"]);
         let varied = |setting: &&&str| !["hand=", "workers=", "lambda="].iter().any(|key| setting.starts_with(key));
         gripper::TINY.iter().filter(varied).for_each(|setting| _ = command.args(["--set", setting]));
-        command.args(["--set", "learner.gamma=0.9"]).args(more);
+        // The gripper is made for a cube; longer objects touch its pads at the start.
+        command.args(["--set", "learner.gamma=0.9", "--force"]).args(more);
         command
     }
 

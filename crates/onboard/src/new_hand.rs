@@ -13,7 +13,7 @@ use eigenhand_hands::xml::{
 use eigenhand_hands::xmltree::{Element, XMLNode};
 use eigenhand_hands::{Hand, ImportOptions, Imported, MANIFEST_FILE, import, is_hand_name};
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_sim::contract::{self, ContractReport};
+use eigenhand_sim::contract;
 use eigenhand_sim::{GraspTask, Setting};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -370,7 +370,10 @@ fn write(
     report.take(&grasps);
     let hand = save_draft(imported, &Draft { model: draft.model, found, report: report.clone() })?;
     (trials.heard)(Step::Contract);
-    report.broken = broken(&contract::check(&hand, trials.library, trials.setting));
+    let contract = contract::check(&hand, trials.library, trials.setting);
+    // The verdict tells of the grasps.
+    report.broken =
+        contract.faults().filter(|check| check.name != contract::GRASPS).map(|check| check.to_string()).collect();
     save(place(README), readme(request, &report).as_bytes())?;
     if directory.is_dir() {
         fs::remove_dir(directory).map_err(cannot("replace", directory))?;
@@ -392,15 +395,6 @@ fn lower_top([low, high]: [f64; 2], height: Option<f64>) -> [f64; 2] {
     let by = height.map_or(0.0, |height| TOP - height);
     let top = (high + by).clamp(low + SHORTEST_SLIDE, low + LONGEST_SLIDE);
     [low, (top.max(0.0) * 1e4).round() / 1e4]
-}
-
-fn broken(report: &ContractReport) -> Vec<String> {
-    report
-        .checks
-        .iter()
-        .filter(|check| !check.passed)
-        .map(|check| format!("{}: {}", check.name, check.detail))
-        .collect()
 }
 
 impl Trials<'_> {

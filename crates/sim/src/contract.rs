@@ -26,6 +26,8 @@ const LEAST_MOVEMENT: f64 = 0.1;
 const UNLIMITED_RANGE: f64 = 1.0;
 /// Name of the first condition.
 const COMPILES: &str = "compiles";
+/// Name of the condition on scripted grasps.
+pub const GRASPS: &str = "scripted grasps lift";
 /// Seed of the random episodes, so that the contract always gives the same answer for the same hand.
 const SEED: u64 = 20;
 
@@ -54,7 +56,12 @@ pub struct ContractReport {
 impl ContractReport {
     /// Tells whether every condition holds.
     pub fn passed(&self) -> bool {
-        self.checks.iter().all(|check| check.passed)
+        self.faults().next().is_none()
+    }
+
+    /// Returns the conditions that do not hold, each with what to change.
+    pub fn faults(&self) -> impl Iterator<Item = &Check> {
+        self.checks.iter().filter(|check| !check.passed)
     }
 
     /// Tells whether the hand's scenes compile. If not, nothing else can be checked or drawn.
@@ -92,7 +99,18 @@ pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractR
         }
         Err(error) => report.add("random episodes", Err(with_sources(&error))),
     }
+    // Only the maker of the hand's directory carries out the grasps; without them, nothing is known.
+    if let Some(grasps) = hand.manifest.scripted_grasps {
+        let verdict = grasps.verdict();
+        report.add(GRASPS, if grasps.can_grasp() { Ok(verdict) } else { Err(verdict) });
+    }
     report
+}
+
+impl std::fmt::Display for Check {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: {}", self.name, self.detail)
+    }
 }
 
 impl ContractReport {

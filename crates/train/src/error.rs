@@ -23,6 +23,16 @@ pub enum TrainError {
     /// The hand is wrong or unknown.
     #[error(transparent)]
     Hand(#[from] HandError),
+    /// The hand fails the hand contract.
+    #[error(
+        "{hand} fails the hand contract:\n{faults}\ncorrect the hand (`hands check {hand}` checks and draws it), or train it all the same with --force"
+    )]
+    HandContract {
+        /// Name or directory of the hand.
+        hand: String,
+        /// The conditions that do not hold, one a line.
+        faults: String,
+    },
     /// MuJoCo is missing or does not work.
     #[error(transparent)]
     MuJoCo(#[from] MuJoCoError),

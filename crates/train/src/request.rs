@@ -3,11 +3,13 @@
 //! Every fault of a request is found before a run directory is made.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use eigenhand_files::write_atomically;
 use eigenhand_hands::{Hand, Registry, ScriptedGrasps, SearchPath};
 use eigenhand_mujoco::MuJoCo;
+use eigenhand_sim::contract;
 use serde::Serialize;
 use toml::Value;
 
@@ -52,6 +54,8 @@ pub struct NewRun {
     pub tensorboard: Option<bool>,
     /// The run directory; if absent, a new one under `runs/`.
     pub out: Option<PathBuf>,
+    /// Whether a hand is trained that fails the hand contract.
+    pub force: bool,
     /// Places that are searched for hands.
     pub hands: SearchPath,
 }
@@ -119,11 +123,15 @@ impl Launch {
     /// Prepares a new run in a directory of its own.
     ///
     /// # Errors
-    /// The first fault of the configuration, the hand, the library or the directory.
+    /// The first fault of the configuration, the hand, the library or the directory. [`TrainError::HandContract`] for a
+    /// hand that fails the hand contract, unless the request forces it.
     pub fn start(request: &NewRun) -> Result<Launch, TrainError> {
         let (config, hand) = resolve(request)?;
         let library = MuJoCo::load()?;
         let task = task_of(&config, &hand, &library)?;
+        if !request.force {
+            keeps_contract(&config, &hand, &library)?;
+        }
         let other_task = other_task_of(&config, &hand, &library, &task)?;
         let space = SynergySpace::of(&config, &hand, &task)?;
         let provenance = Provenance::collect(&hand, &library);
@@ -231,6 +239,16 @@ impl Plan {
             mujoco_library: library.origin().to_owned(),
         }
     }
+}
+
+/// Checks the hand in the default setting, as `hands check` does, since the contract is one on the hand alone.
+fn keeps_contract(config: &RunConfig, hand: &Hand, library: &Arc<MuJoCo>) -> Result<(), TrainError> {
+    let report = contract::check(hand, library, &RunConfig::default_preset()?.setting());
+    let faults: Vec<String> = report.faults().map(|check| format!("  {check}")).collect();
+    if faults.is_empty() {
+        return Ok(());
+    }
+    Err(TrainError::HandContract { hand: config.hand.clone(), faults: faults.join("\n") })
 }
 
 /// Resolves a request into complete settings and the hand.
