@@ -6,7 +6,8 @@ use std::fs;
 use eigenhand_files::sha256;
 use eigenhand_hands::{Imported, SCHEMA};
 
-use super::{MODEL_FILE, NewHand, NewHandReport, slide_name};
+use super::model::slide_name;
+use super::{MODEL_FILE, NewHand, NewHandReport};
 use crate::survey::Survey;
 
 fn quoted(text: &str) -> String {
