@@ -6,12 +6,13 @@ use std::sync::Arc;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_render::hand_with_objects;
-use eigenhand_sim::Setting;
+use eigenhand_render::{COLUMNS, Picture, grasp, hand_with_objects};
 use eigenhand_sim::contract::{self, ContractReport};
+use eigenhand_sim::{GraspTask, Setting};
 use serde::Serialize;
 
 use crate::error::OnboardError;
+use crate::trial::lift;
 
 /// The result of the contract for a hand, and the path of its picture.
 #[derive(Clone, Debug, Serialize)]
@@ -29,7 +30,7 @@ pub fn default_picture(hand: &Hand) -> PathBuf {
 }
 
 /// Runs the hand contract in a setting. If `picture` names a PNG file, also draws the hand above the table with each
-/// object, and replaces an older file there.
+/// object, open, closed, and with an object that a script has lifted, and replaces an older file there.
 ///
 /// # Errors
 /// [`OnboardError::File`] when the picture cannot be written.
@@ -42,11 +43,22 @@ pub fn check_hand(
     let report = contract::check(hand, library, setting);
     let picture = picture.filter(|_| report.compiles());
     if let Some(file) = picture {
-        let drawn = hand_with_objects(hand, library, setting)?.png()?;
+        let drawn = picture_of(hand, library, setting)?.png()?;
         if let Some(directory) = file.parent() {
             create_directory(directory)?;
         }
         write_atomically(file, &drawn)?;
     }
     Ok(HandCheck { report, picture: picture.map(Path::to_path_buf) })
+}
+
+fn picture_of(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Picture, OnboardError> {
+    let task = Arc::new(GraspTask::new(library, hand, setting)?);
+    let mut tiles = hand_with_objects(hand, &task)?;
+    if let Some(lifted) = lift(&task, &hand.manifest.closing)? {
+        let scene = &task.scenes[lifted.scene];
+        let label = format!("{}, lifted by a script", scene.object.name);
+        tiles.push(grasp(hand, scene, lifted.env.simulation())?.labelled(&label));
+    }
+    Ok(Picture::grid(&tiles, COLUMNS))
 }

@@ -12,6 +12,7 @@ mod script;
 mod search;
 
 use script::{Grasp, Scripts};
+pub use script::{Lifted, lift};
 use search::Search;
 
 /// Distance in m between two places that are tried, for objects of scale 1.

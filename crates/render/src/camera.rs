@@ -37,6 +37,15 @@ impl Camera {
         [upright * aspect, upright]
     }
 
+    /// Returns the pixel (column, row) at which a point in m appears in a picture of this size; none behind the camera.
+    pub fn pixel(&self, at: [f64; 3], [width, height]: [usize; 2]) -> Option<[f64; 2]> {
+        let seen = self.axes() * (Vector3::from(at) - self.position());
+        let (width, height) = (width as f64, height as f64);
+        let half = self.half_view(width / height);
+        let place = [1.0 + seen.x / seen.z / half[0], 1.0 - seen.y / seen.z / half[1]];
+        (seen.z > 0.0).then(|| [place[0] * width / 2.0, place[1] * height / 2.0])
+    }
+
     /// Moves the camera without turning it, so that `points` fill `share` of the picture; `aspect` is width over
     /// height.
     ///

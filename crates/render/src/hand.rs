@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use eigenhand_hands::{FrameKind, Hand};
-use eigenhand_mujoco::{Data, MuJoCo};
-use eigenhand_sim::{GraspEnv, GraspTask, ObjectScene, Setting};
+use eigenhand_hands::{Fingertip, FrameKind, Hand};
+use eigenhand_mujoco::Data;
+use eigenhand_sim::{GraspEnv, GraspTask, ObjectScene};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -15,7 +15,11 @@ const SEED: u64 = 20;
 
 /// Pixels of one tile.
 const TILE: [usize; 2] = [480, 400];
-const COLUMNS: usize = 4;
+const ASPECT: f64 = TILE[0] as f64 / TILE[1] as f64;
+/// Columns of the tiles of a hand.
+pub const COLUMNS: usize = 4;
+/// Time in s in which a hand closes.
+const CLOSING: f64 = 0.8;
 /// Share of a tile that the hand and the object fill.
 const FILLED: f64 = 0.88;
 /// Looks at the hand from its side and a little from above, so that the gap between palm and object is visible.
@@ -24,17 +28,17 @@ const FROM_THE_SIDE: Camera =
 /// Looks at the palm through the table.
 const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
 
-/// Draws the open hand above the table at the start of an episode, one tile for each object of the setting. The last
-/// tile shows the hand alone from below, without the table.
+/// Draws the open hand above the table at the start of an episode, one tile for each object of the setting. Two more tiles
+/// show the hand alone from below, without the table: open, with the names of its fingertips, and closed, if it has
+/// actuators that close it. Each tile has a label.
 ///
 /// All tiles with an object share one camera, so that the objects' sizes can be compared. The camera frames the palm,
 /// the fingers and the objects; an arm behind the palm may leave the picture.
 ///
 /// # Errors
 /// Those of [`GraspTask::new`] and [`GraspEnv::reset`].
-pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Picture, RenderError> {
-    let task = Arc::new(GraspTask::new(library, hand, setting)?);
-    let mut env = GraspEnv::new(&task)?;
+pub fn hand_with_objects(hand: &Hand, task: &Arc<GraspTask>) -> Result<Vec<Picture>, RenderError> {
+    let mut env = GraspEnv::new(task)?;
     env.start_open();
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     let mut points = Vec::new();
@@ -44,16 +48,39 @@ pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) 
         points.extend(hand_points(hand, scene, data)?);
         points.extend(bounding_corners(data, scene.object_geom()));
     }
-    let [width, height] = TILE;
-    let aspect = width as f64 / height as f64;
-    let camera = FROM_THE_SIDE.framing(&points, aspect, FILLED);
-    let mut tiles: Vec<Picture> = env.simulations().iter().map(|data| draw(data, &camera, width, height)).collect();
+    let camera = FROM_THE_SIDE.framing(&points, ASPECT, FILLED);
+    let above = |(data, scene): (&Data, &ObjectScene)| tile(data, &camera).labelled(&scene.object.name);
+    let mut tiles: Vec<Picture> = env.simulations().iter().zip(&task.scenes).map(above).collect();
     if let Some(scene) = task.scenes.first() {
-        let alone = task.open_hand(scene)?;
-        let camera = FROM_BELOW.framing(&hand_points(hand, scene, &alone)?, aspect, FILLED);
-        tiles.push(draw(&alone, &camera, width, height));
+        let mut alone = task.open_hand(scene)?;
+        let camera = FROM_BELOW.framing(&hand_points(hand, scene, &alone)?, ASPECT, FILLED);
+        let mut open = tile(&alone, &camera);
+        for (tip, at) in hand.fingertips.iter().zip(fingertips(hand, &alone)?) {
+            if let Some([column, row]) = camera.pixel(at, TILE) {
+                open.write(&tip.name, [column as f32, row as f32]);
+            }
+        }
+        tiles.push(open.labelled("open, as an object sees it"));
+        if close(task, &mut alone) {
+            tiles.push(tile(&alone, &camera).labelled("closed"));
+        }
     }
-    Ok(Picture::grid(&tiles, COLUMNS))
+    Ok(tiles)
+}
+
+fn tile(data: &Data, camera: &Camera) -> Picture {
+    draw(data, camera, TILE[0], TILE[1])
+}
+
+/// Closes an open hand in free air, with the slide at its top. Returns false for a hand that has no actuators that do.
+fn close(task: &GraspTask, data: &mut Data) -> bool {
+    let change: Vec<f64> = task.closed_controls().iter().zip(task.start_controls()).map(|(c, o)| c - o).collect();
+    // The slide stays where it is.
+    data.ctrl_mut().iter_mut().zip(&change).for_each(|(ctrl, change)| *ctrl += change);
+    for _ in 0..(CLOSING / data.model().timestep()).round() as usize {
+        data.step();
+    }
+    change.iter().any(|&change| change != 0.0)
 }
 
 /// Draws the hand and its object in the state of a simulation, from the side.
@@ -63,9 +90,7 @@ pub fn hand_with_objects(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) 
 pub fn grasp(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Picture, RenderError> {
     let mut points = hand_points(hand, scene, data)?;
     points.extend(bounding_corners(data, scene.object_geom()));
-    let [width, height] = TILE;
-    let camera = FROM_THE_SIDE.framing(&points, width as f64 / height as f64, FILLED);
-    Ok(draw(data, &camera, width, height))
+    Ok(tile(data, &FROM_THE_SIDE.framing(&points, ASPECT, FILLED)))
 }
 
 /// Draws the hand alone in each posture. A row of postures gives a row of pictures; all pictures share one camera.
@@ -80,9 +105,8 @@ pub fn postures(hand: &Hand, task: &GraspTask, rows: &[Vec<Vec<f64>>]) -> Result
     for data in &posed {
         points.extend(hand_points(hand, scene, data)?);
     }
-    let [width, height] = TILE;
-    let camera = FROM_BELOW.framing(&points, width as f64 / height as f64, FILLED);
-    let tiles: Vec<Picture> = posed.iter().map(|data| draw(data, &camera, width, height)).collect();
+    let camera = FROM_BELOW.framing(&points, ASPECT, FILLED);
+    let tiles: Vec<Picture> = posed.iter().map(|data| tile(data, &camera)).collect();
     Ok(Picture::grid(&tiles, rows.iter().map(Vec::len).max().unwrap_or(1)))
 }
 
@@ -98,11 +122,18 @@ fn hand_points(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Vec<[f64
     if points.is_empty() {
         points = corners(scene.is_hand());
     }
-    for tip in &hand.fingertips {
-        points.push(match tip.kind {
+    points.extend(fingertips(hand, data)?);
+    Ok(points)
+}
+
+/// Returns the places of the fingertips in m.
+fn fingertips(hand: &Hand, data: &Data) -> Result<Vec<[f64; 3]>, RenderError> {
+    let model = data.model();
+    let place = |tip: &Fingertip| -> Result<[f64; 3], RenderError> {
+        Ok(match tip.kind {
             FrameKind::Body => data.body_position(model.body(&tip.name)?).into(),
             FrameKind::Site => data.site_position(model.site(&tip.name)?).into(),
-        });
-    }
-    Ok(points)
+        })
+    };
+    hand.fingertips.iter().map(place).collect()
 }

@@ -1,7 +1,7 @@
 //! Pictures of a simulation, drawn by the processor: no display, no graphics card and no graphics library is needed.
 //!
 //! [`draw`] makes a [`Picture`] of a simulation as a [`Camera`] sees it, and [`hand_with_objects`] draws a hand above
-//! the table with each object.
+//! the table with each object. Pictures can be labelled and put in rows.
 #![forbid(unsafe_code)]
 
 mod camera;
@@ -9,6 +9,7 @@ mod canvas;
 mod error;
 mod geoms;
 mod hand;
+mod label;
 mod picture;
 mod raster;
 mod shapes;
@@ -17,7 +18,8 @@ pub use camera::Camera;
 pub use canvas::draw;
 pub use error::RenderError;
 pub use geoms::{bounding_corners, drawn_geoms};
-pub use hand::{grasp, hand_with_objects, postures};
+pub use hand::{COLUMNS, grasp, hand_with_objects, postures};
+pub use label::FONT;
 pub use picture::Picture;
 
 #[cfg(test)]

@@ -208,3 +208,34 @@ fn pictures_are_put_in_rows() {
     assert_eq!((row.width, row.height), (10, 2));
     assert!(Picture::beside(&[]).png().is_err());
 }
+
+#[test]
+fn a_label_is_in_the_lower_left_corner_and_keeps_within_the_picture() {
+    let blank = Picture { width: 120, height: 60, rgb: vec![255; 3 * 120 * 60] };
+    let inked = |picture: &Picture| -> Vec<[usize; 2]> {
+        let at = |i: usize| [i % picture.width, i / picture.width];
+        picture.rgb.chunks_exact(3).enumerate().filter(|(_, rgb)| rgb[0] < 128).map(|(i, _)| at(i)).collect()
+    };
+    let label = inked(&blank.clone().labelled("cube"));
+    assert!(label.len() > 40 && label.iter().all(|[column, row]| *column < 60 && *row > 30), "{label:?}");
+    // A text that begins near the right edge is moved to the left; one outside is left out.
+    let mut moved = blank.clone();
+    moved.write("thumb", [110.0, 30.0]);
+    assert!(inked(&moved).len() > 40);
+    let mut outside = blank.clone();
+    outside.write("thumb", [0.0, -50.0]);
+    assert_eq!(outside, blank);
+}
+
+#[test]
+fn a_point_appears_at_its_pixel() {
+    let camera = Camera { target: [0.0; 3], azimuth_deg: 90.0, elevation_deg: 0.0, distance: 1.0, fov_deg: 90.0 };
+    let near = |got: Option<[f64; 2]>, want: [f64; 2]| {
+        got.is_some_and(|got| got.iter().zip(want).all(|(g, w)| (g - w).abs() < 1e-9))
+    };
+    assert!(near(camera.pixel([0.0; 3], [200, 100]), [100.0, 50.0]));
+    // Looking along y, x is to the right and z is up.
+    assert!(near(camera.pixel([0.5, 0.0, 0.0], [200, 100]), [125.0, 50.0]));
+    assert!(near(camera.pixel([0.0, 0.0, 0.5], [200, 100]), [100.0, 25.0]));
+    assert_eq!(camera.pixel([0.0, -2.0, 0.0], [200, 100]), None);
+}

@@ -58,11 +58,35 @@ pub(super) struct Scripts<'a> {
     environments: Vec<GraspEnv>,
 }
 
+/// An object that a scripted grasp has lifted.
+pub struct Lifted {
+    /// Index of the object.
+    pub scene: usize,
+    /// The simulation at the end of the grasp.
+    pub env: GraspEnv,
+}
+
+/// Carries out a scripted grasp of one object after another where they are, until one is lifted. None is lifted by a hand
+/// that cannot grasp. `closing` is as in [`best_place`](super::best_place).
+///
+/// # Errors
+/// As [`GraspEnv::new`].
+pub fn lift(task: &Arc<GraspTask>, closing: &BTreeMap<String, f64>) -> Result<Option<Lifted>, SimError> {
+    let script = Script::new(task, closing, 0.0);
+    let mut env = GraspEnv::new(task)?;
+    env.start_open();
+    for scene in 0..task.scenes.len() {
+        let job = Job { scene, place: [0, 0], draw: scene as u64 };
+        // A grasp whose simulation diverges lifts nothing.
+        if script.grasp(&mut env, &job).is_ok_and(|grasp| grasp.lifted) {
+            return Ok(Some(Lifted { scene, env }));
+        }
+    }
+    Ok(None)
+}
+
 impl<'a> Scripts<'a> {
     pub(super) fn new(task: &'a Arc<GraspTask>, closing: &BTreeMap<String, f64>, step: f64) -> Result<Self, SimError> {
-        let open = task.start_action();
-        let closed =
-            task.actuators.iter().zip(&open).map(|(name, &o)| closing.get(name).map_or(o, |&c| c as f32)).collect();
         let n_threads = thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let environments = (0..n_threads)
             .map(|_| {
@@ -71,7 +95,7 @@ impl<'a> Scripts<'a> {
                 Ok(env)
             })
             .collect::<Result<Vec<_>, SimError>>()?;
-        Ok(Scripts { script: Script { task, open, closed, slide: task.slide_action(), step }, environments })
+        Ok(Scripts { script: Script::new(task, closing, step), environments })
     }
 
     /// Carries out the grasps; `heard` receives how many are done.
@@ -97,7 +121,14 @@ impl<'a> Scripts<'a> {
     }
 }
 
-impl Script<'_> {
+impl<'a> Script<'a> {
+    fn new(task: &'a Arc<GraspTask>, closing: &BTreeMap<String, f64>, step: f64) -> Script<'a> {
+        let open = task.start_action();
+        let closed =
+            task.actuators.iter().zip(&open).map(|(name, &o)| closing.get(name).map_or(o, |&c| c as f32)).collect();
+        Script { task, open, closed, slide: task.slide_action(), step }
+    }
+
     /// Comes down, closes, and raises the object to its goal.
     fn grasp(&self, env: &mut GraspEnv, job: &Job) -> Result<Grasp, SimError> {
         let mut random = ChaCha8Rng::seed_from_u64(SEED + job.draw);

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
+use eigenhand_render::FONT;
 use plotters::chart::{ChartBuilder, ChartContext};
 use plotters::coord::Shift;
 use plotters::coord::types::RangedCoordf64;
@@ -15,8 +16,6 @@ use resvg::{tiny_skia, usvg};
 
 use crate::ReportError;
 
-/// The font of the figures: a part of DejaVu Sans, see `assets/README.md`.
-const FONT: &[u8] = include_bytes!("../../assets/DejaVuSans-subset.ttf");
 const FAMILY: &str = "sans-serif";
 /// Drawing units per unit of a figure's size. Coordinates are whole numbers, and curves need finer steps than the size
 /// has.
