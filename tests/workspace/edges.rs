@@ -8,14 +8,15 @@ use crate::source;
 use crate::support::workspace;
 
 /// Every crate, with the crates of this workspace on which it may depend for any purpose.
-const ALLOWED: [(&str, &[&str]); 14] = [
+const ALLOWED: [(&str, &[&str]); 15] = [
     ("eigenhand-hand-abi", &[]),
     ("eigenhand-files", &[]),
+    ("eigenhand-font", &[]),
     ("eigenhand-posture", &[]),
     ("eigenhand-mujoco", &[]),
     ("eigenhand-hands", &["eigenhand-hand-abi", "eigenhand-posture"]),
     ("eigenhand-sim", &["eigenhand-hands", "eigenhand-mujoco"]),
-    ("eigenhand-render", &["eigenhand-hands", "eigenhand-mujoco", "eigenhand-sim"]),
+    ("eigenhand-render", &["eigenhand-font", "eigenhand-hands", "eigenhand-mujoco", "eigenhand-sim"]),
     (
         "eigenhand-onboard",
         &["eigenhand-files", "eigenhand-hands", "eigenhand-mujoco", "eigenhand-render", "eigenhand-sim"],
@@ -44,7 +45,7 @@ const ALLOWED: [(&str, &[&str]); 14] = [
             "eigenhand-train",
         ],
     ),
-    ("eigenhand-report", &["eigenhand-files", "eigenhand-synergy", "eigenhand-train"]),
+    ("eigenhand-report", &["eigenhand-files", "eigenhand-font", "eigenhand-synergy", "eigenhand-train"]),
     (
         "eigenhand-cli",
         &[

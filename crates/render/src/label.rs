@@ -1,11 +1,9 @@
 //! Text on pictures.
 
 use ab_glyph::{Font, FontRef, Glyph, PxScale, ScaleFont, point};
+use eigenhand_font::FONT;
 
 use crate::Picture;
-
-/// The font of pictures and figures: a part of DejaVu Sans, see `assets/README.md`.
-pub const FONT: &[u8] = include_bytes!("../assets/DejaVuSans-subset.ttf");
 
 /// Height of a line, and distance of a label from the picture's edges, in pixels.
 const LINE: f32 = 18.0;

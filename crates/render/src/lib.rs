@@ -19,7 +19,6 @@ pub use canvas::draw;
 pub use error::RenderError;
 pub use geoms::{bounding_corners, drawn_geoms};
 pub use hand::{COLUMNS, grasp, hand_with_objects, postures};
-pub use label::FONT;
 pub use picture::Picture;
 
 #[cfg(test)]
