@@ -7,6 +7,7 @@ use eigenhand_onboard::survey::Hints;
 use eigenhand_onboard::trial::best_place;
 use eigenhand_onboard::{NewHand, NewHandReport, OnboardError, check_hand, new_hand};
 use eigenhand_sim::Setting;
+use eigenhand_sim::contract::GRASPS;
 use eigenhand_train::config::{Layers, Preset};
 use tempfile::TempDir;
 
@@ -29,7 +30,13 @@ fn made(source: &Path, change: impl Fn(&mut NewHand)) -> (NewHandReport, Hand) {
     made_in(&setting(), source, change)
 }
 
-/// The same, with scripted grasps in another setting. The contract holds in the usual one.
+/// Few grasps, which take most of the time. They place a hand well enough for the rest of the contract.
+fn few_grasps() -> Setting {
+    Setting { objects: vec!["cube".to_owned()], ..setting() }
+}
+
+/// As [`made`], with scripted grasps in another setting. The contract holds in the usual one; few grasps alone need not
+/// succeed.
 fn made_in(grasps: &Setting, source: &Path, change: impl Fn(&mut NewHand)) -> (NewHandReport, Hand) {
     let place = TempDir::new().unwrap();
     let mut request = request(source, place.path().join("found"));
@@ -38,7 +45,9 @@ fn made_in(grasps: &Setting, source: &Path, change: impl Fn(&mut NewHand)) -> (N
         new_hand(&request, &mujoco(), grasps, &mut Vec::new(), &|_| {}).unwrap_or_else(|error| panic!("{error}"));
     let hand = Hand::load(&report.directory).unwrap_or_else(|error| panic!("{error}"));
     let contract = check_hand(&hand, &mujoco(), &setting(), None).unwrap().report;
-    assert!(contract.passed(), "{}: {contract:#?}", source.display());
+    let whole = grasps.objects.len() == setting().objects.len();
+    let faults: Vec<_> = contract.faults().filter(|fault| whole || fault.name != GRASPS).collect();
+    assert!(faults.is_empty(), "{}: {faults:#?}", source.display());
     (report, hand)
 }
 
@@ -111,7 +120,7 @@ fn the_closing_directions_of_described_hands_are_found() {
         if described.manifest.closing.is_empty() || !source.is_file() {
             continue;
         }
-        let (report, _) = made(&source, |_| {});
+        let (report, _) = made_in(&few_grasps(), &source, |_| {});
         for (actuator, &sign) in &described.manifest.closing {
             let found = if sign > 0.0 { &report.close_up } else { &report.close_down };
             assert!(found.contains(actuator), "{}: {actuator}, {report:?}", described.manifest.name);
@@ -253,12 +262,10 @@ fn published_hands_keep_the_contract() {
         eprintln!("skipped: no published hands at {}; set EIGENHAND_HANDS_CORPUS to their directory", corpus.display());
         return;
     };
-    // Few grasps, which take most of the time, place the hand well enough for the contract.
-    let few_grasps = Setting { objects: vec!["cube".to_owned()], ..setting() };
     for row in index.lines().skip(1) {
         let mut columns = row.split('\t');
         let (Some(hand), Some(entry)) = (columns.next(), columns.next()) else { continue };
-        let (report, _) = made_in(&few_grasps, &corpus.join(hand).join(entry), |_| {});
+        let (report, _) = made_in(&few_grasps(), &corpus.join(hand).join(entry), |_| {});
         let fingers: usize = columns.nth(3).and_then(|count| count.parse().ok()).unwrap();
         assert_eq!(report.fingertips.len(), fingers, "{hand} {entry}");
     }
