@@ -1,7 +1,6 @@
 //! `eigenhand hands`
 
 use std::fmt::Write;
-use std::io::{IsTerminal, Write as _};
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -13,6 +12,7 @@ use eigenhand_onboard::{Hints, NewHand, Step, check_hand, default_picture, descr
 use eigenhand_sim::contract::ContractReport;
 use eigenhand_train::config::RunConfig;
 use eigenhand_train::hand_named;
+use indicatif::ProgressBar;
 use serde::Serialize;
 
 use crate::output::{Outcome, print, print_json, table_left};
@@ -339,38 +339,34 @@ fn new(args: &NewArgs) -> anyhow::Result<Outcome> {
 
 /// The steps of `hands new` on standard error: one line that changes on a terminal, and otherwise a line now and then.
 struct StepLines {
-    terminal: bool,
+    line: ProgressBar,
     last: Mutex<Option<(Step, Instant)>>,
 }
 
 impl StepLines {
     fn new() -> StepLines {
-        StepLines { terminal: std::io::stderr().is_terminal(), last: Mutex::new(None) }
+        StepLines { line: ProgressBar::new_spinner(), last: Mutex::new(None) }
     }
 
     fn show(&self, step: Step) {
         const EVERY: Duration = Duration::from_secs(5);
+        self.line.set_message(step.to_string());
+        self.line.tick();
         let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
         let another = |(before, at): (Step, Instant)| {
             std::mem::discriminant(&before) != std::mem::discriminant(&step)
                 || matches!(step, Step::Approach(..))
                 || at.elapsed() >= EVERY
         };
-        // Nobody is harmed by a step that cannot be shown.
-        if self.terminal {
-            let _ = write!(std::io::stderr(), "\r\x1b[K{step}");
-        } else if last.is_none_or(another) {
-            let _ = writeln!(std::io::stderr(), "{step}");
-        } else {
-            return;
+        // Without a terminal, the line above is hidden.
+        if self.line.is_hidden() && last.is_none_or(another) {
+            eprintln!("{step}");
+            *last = Some((step, Instant::now()));
         }
-        *last = Some((step, Instant::now()));
     }
 
     fn end(&self) {
-        if self.terminal {
-            let _ = write!(std::io::stderr(), "\r\x1b[K");
-        }
+        self.line.finish_and_clear();
     }
 }
 

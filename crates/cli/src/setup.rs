@@ -25,7 +25,8 @@ pub struct InstallArgs {
     pub no_install: bool,
 }
 
-/// Runs `work`. If it fails because MuJoCo is missing, installs it, if possible and allowed, and runs `work` again. So every other fault of a command is reported before anything is installed.
+/// Runs `work`. If it fails because MuJoCo is missing, installs it, if possible and allowed, and runs `work` again. So
+/// every other fault of a command is reported before anything is installed.
 ///
 /// # Errors
 /// The errors of `work`, or of the installation.

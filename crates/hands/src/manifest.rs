@@ -321,6 +321,10 @@ impl HandManifest {
         if let Some(speed) = slide.rise_speed {
             require(speed > 0.0, "slide.rise_speed", speed.to_string())?;
         }
+        if let Some(ScriptedGrasps { tried, lifted, reached }) = self.scripted_grasps {
+            require(lifted <= tried, "scripted_grasps.lifted", lifted.to_string())?;
+            require(reached <= tried, "scripted_grasps.reached", reached.to_string())?;
+        }
         require(self.objects.scale > 0.0, "objects.scale", self.objects.scale.to_string())
     }
 

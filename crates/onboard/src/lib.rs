@@ -13,5 +13,5 @@ pub mod trial;
 
 pub use check::{HandCheck, check_hand, default_picture};
 pub use error::OnboardError;
-pub use new_hand::{Heard, NewHand, NewHandReport, Step, describe_new_hand, new_hand};
+pub use new_hand::{NewHand, NewHandReport, OnStep, Step, describe_new_hand, new_hand};
 pub use survey::Hints;

@@ -17,7 +17,7 @@ use serde::Serialize;
 
 use crate::error::OnboardError;
 use crate::survey::{Closing, Hints, Survey, arm, other_hands, survey};
-use crate::trial::{Place, best_place, promise};
+use crate::trial::{OnGrasp, Place, Search, best_place};
 
 mod model;
 mod texts;
@@ -120,12 +120,12 @@ impl std::fmt::Display for Step {
 }
 
 /// Receives the steps; several threads call it.
-pub type Heard<'a> = dyn Fn(Step) + Sync + 'a;
+pub type OnStep<'a> = dyn Fn(Step) + Sync + 'a;
 
 /// Reads, surveys and writes a hand; scripted grasps in `setting` choose its approach and its place, and tell whether it
 /// can grasp. At the end the contract is checked.
 ///
-/// `notes` receives every change to the file, also when an error follows; `heard` receives the steps.
+/// `notes` receives every change to the file, also when an error follows; `on_step` receives the steps.
 ///
 /// # Errors
 /// [`OnboardError::Hand`] for a faulty file, [`OnboardError::MuJoCo`] for a model that MuJoCo refuses,
@@ -136,7 +136,7 @@ pub fn new_hand(
     library: &Arc<MuJoCo>,
     setting: &Setting,
     notes: &mut Vec<String>,
-    heard: &Heard,
+    on_step: &OnStep,
 ) -> Result<NewHandReport, OnboardError> {
     let directory = &request.directory;
     if !is_hand_name(&request.name) {
@@ -146,7 +146,7 @@ pub fn new_hand(
     if occupied {
         return Err(OnboardError::HandExists { path: directory.clone() });
     }
-    heard(Step::Survey);
+    on_step(Step::Survey);
     let mut imported = import(&request.source, &request.options, notes)?;
     if let Some(arm) = arm(library, &imported.model, &imported.assets, &request.hints)? {
         imported.leave_out_arm(&arm.hand, &arm.joints, notes);
@@ -158,7 +158,7 @@ pub fn new_hand(
     surveys.iter_mut().for_each(|found| found.moving.retain(|joint| !imported.passive.contains(joint)));
     let drafts: Vec<Draft> =
         surveys.into_iter().map(|found| Draft::new(request, &imported.model, found, notes)).collect();
-    let report = write(request, &mut imported, drafts, &Trials { library, setting, heard })?;
+    let report = write(request, &mut imported, drafts, &Trials { library, setting, on_step })?;
     notes.clone_from(&report.notes);
     Ok(report)
 }
@@ -188,7 +188,7 @@ impl Draft {
 struct Trials<'a> {
     library: &'a Arc<MuJoCo>,
     setting: &'a Setting,
-    heard: &'a Heard<'a>,
+    on_step: &'a OnStep<'a>,
 }
 
 fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec<String>) -> NewHandReport {
@@ -257,7 +257,7 @@ fn write(
     if drafts.len() > 1 {
         let mut promises = Vec::new();
         for (i, draft) in drafts.iter().enumerate() {
-            (trials.heard)(Step::Approach(i + 1, drafts.len()));
+            (trials.on_step)(Step::Approach(i + 1, drafts.len()));
             promises.push(save_draft(imported, draft).and_then(|hand| trials.promise(&hand)));
         }
         best = likeliest(&promises);
@@ -270,7 +270,7 @@ fn write(
     found.slide_range = lower_top(found.slide_range, grasps.height);
     report.take(&grasps);
     let hand = save_draft(imported, &Draft { model: draft.model, found, report: report.clone() })?;
-    (trials.heard)(Step::Contract);
+    (trials.on_step)(Step::Contract);
     let contract = contract::check(&hand, trials.library, trials.setting);
     // The verdict tells of the grasps.
     report.broken =
@@ -299,23 +299,27 @@ fn lower_top([low, high]: [f64; 2], height: Option<f64>) -> [f64; 2] {
 }
 
 impl Trials<'_> {
-    fn task(&self, hand: &Hand, setting: &Setting) -> Result<Arc<GraspTask>, OnboardError> {
-        Ok(Arc::new(GraspTask::new(self.library, hand, setting)?))
-    }
-
     /// Tries every second object at few places.
     fn promise(&self, hand: &Hand) -> Result<Place, OnboardError> {
         let objects = self.setting.objects.iter().step_by(2).cloned().collect();
-        let task = self.task(hand, &Setting { objects, ..self.setting.clone() })?;
-        let manifest = &hand.manifest;
-        Ok(promise(&task, &manifest.closing, manifest.objects.scale, hand.fingertips.len(), &|_, _| {})?)
+        self.search(hand, &Setting { objects, ..self.setting.clone() }, Search::Quick, &|_, _| {})
     }
 
     fn best_place(&self, hand: &Hand) -> Result<Place, OnboardError> {
-        let task = self.task(hand, self.setting)?;
+        self.search(hand, self.setting, Search::Whole, &|done, all| (self.on_step)(Step::Grasps(done, all)))
+    }
+
+    fn search(
+        &self,
+        hand: &Hand,
+        setting: &Setting,
+        search: Search,
+        on_grasp: &OnGrasp,
+    ) -> Result<Place, OnboardError> {
+        let task = Arc::new(GraspTask::new(self.library, hand, setting)?);
         let manifest = &hand.manifest;
-        let heard = |done, all| (self.heard)(Step::Grasps(done, all));
-        Ok(best_place(&task, &manifest.closing, manifest.objects.scale, hand.fingertips.len(), &heard)?)
+        let n_fingertips = hand.fingertips.len();
+        Ok(best_place(&task, &manifest.closing, manifest.objects.scale, n_fingertips, search, on_grasp)?)
     }
 }
 

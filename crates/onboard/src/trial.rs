@@ -11,9 +11,9 @@ use eigenhand_sim::{GraspTask, SimError};
 mod script;
 mod search;
 
-use script::{Grasp, Scripts};
+use script::{Grasp, Job, Scripts};
 pub use script::{Lifted, lift};
-use search::Search;
+use search::Places;
 
 /// Distance in m between two places that are tried, for objects of scale 1.
 const STEP: f64 = 0.02;
@@ -27,8 +27,8 @@ const DRAG: f64 = 4.0;
 const PER_STEP: f64 = 0.02;
 const PER_STEP_OF_TWO: f64 = 0.08;
 
-/// How far a search is: grasps that are done, and grasps in all.
-pub type Heard<'a> = dyn Fn(usize, usize) + Sync + 'a;
+/// Receives how far a search is: grasps that are done, and grasps in all. Several threads call it.
+pub type OnGrasp<'a> = dyn Fn(usize, usize) + Sync + 'a;
 
 /// The best place of a hand, and the grasps there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,8 +81,16 @@ impl Tally {
     }
 }
 
-/// Tries few grasps at places on a grid, along the fingers and across them, and more at the best of these and beside
-/// them. Returns the best place of all.
+/// How thoroughly the places of a hand are searched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Search {
+    /// Few grasps at places along the fingers, with which the directions of approach of a hand can be compared.
+    Quick,
+    /// Few grasps at places on a grid, along the fingers and across them, and more at the best of these and beside them.
+    Whole,
+}
+
+/// Searches the place of a hand by scripted grasps, and returns the best one.
 ///
 /// The grasps at neighbouring places count too, because objects do not lie exactly where the hand expects them.
 /// `closing` is 1 for an actuator that closes the hand at the upper end of its range, and -1 for one that closes it at
@@ -95,43 +103,29 @@ pub fn best_place(
     closing: &BTreeMap<String, f64>,
     scale: f64,
     n_fingertips: usize,
-    heard: &Heard,
+    search: Search,
+    on_grasp: &OnGrasp,
 ) -> Result<Place, SimError> {
     let mut scripts = Scripts::new(task, closing, STEP * scale)?;
-    let mut search =
-        Search::new(task.scenes.len(), per_step(n_fingertips), |jobs, done| scripts.run(jobs, done), heard);
-    let best = search.best_place();
-    Ok(place(&search, best, scale))
-}
-
-/// Tries few grasps, with which the directions of approach of a hand can be compared. See [`best_place`].
-///
-/// # Errors
-/// As [`best_place`].
-pub fn promise(
-    task: &Arc<GraspTask>,
-    closing: &BTreeMap<String, f64>,
-    scale: f64,
-    n_fingertips: usize,
-    heard: &Heard,
-) -> Result<Place, SimError> {
-    let mut scripts = Scripts::new(task, closing, STEP * scale)?;
-    let mut search =
-        Search::new(task.scenes.len(), per_step(n_fingertips), |jobs, done| scripts.run(jobs, done), heard);
-    let best = search.most_promising();
-    Ok(place(&search, best, scale))
+    let run = |jobs: &[Job], done: &(dyn Fn(usize) + Sync)| scripts.run(jobs, done);
+    let mut places = Places::new(task.scenes.len(), per_step(n_fingertips), run, on_grasp);
+    let best = match search {
+        Search::Quick => places.most_promising(),
+        Search::Whole => places.best_place(),
+    };
+    Ok(place(&places, best, scale))
 }
 
 fn per_step(n_fingertips: usize) -> f64 {
     if n_fingertips == 2 { PER_STEP_OF_TWO } else { PER_STEP }
 }
 
-fn place<F>(search: &Search<F>, steps: [i32; 2], scale: f64) -> Place {
-    let grasps = search.grasps(steps);
+fn place<F>(places: &Places<F>, steps: [i32; 2], scale: f64) -> Place {
+    let grasps = places.grasps(steps);
     // The trials moved the objects; the hand must be moved the opposite way.
     Place {
         shift: steps.map(|i| -f64::from(i) * STEP * scale),
         grasps: Tally::of(grasps),
-        merit: search.merit(steps, grasps.len()),
+        merit: places.merit(steps, grasps.len()),
     }
 }

@@ -14,8 +14,8 @@ use eigenhand_mujoco::{GeomId, Model, MuJoCo};
 
 mod random_episodes;
 
-/// Random episodes with each object.
-const EPISODES_PER_OBJECT: usize = 3;
+/// Starts of episodes with each object.
+const STARTS: usize = 3;
 /// Time in s that an actuator has to move its joints.
 const DRIVE_TIME: f64 = 1.0;
 /// Duration in s of the noise: new random commands at every control step.
@@ -102,7 +102,12 @@ pub fn check(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> ContractR
     // Only the maker of the hand's directory carries out the grasps; without them, nothing is known.
     if let Some(grasps) = hand.manifest.scripted_grasps {
         let verdict = grasps.verdict();
-        report.add(GRASPS, if grasps.can_grasp() { Ok(verdict) } else { Err(verdict) });
+        let finding = if grasps.can_grasp() {
+            Ok(verdict)
+        } else {
+            Err(format!("{verdict}; once you have changed the hand, remove [scripted_grasps] from hand.toml"))
+        };
+        report.add(GRASPS, finding);
     }
     report
 }
@@ -186,7 +191,7 @@ fn open_posture_is_free(task: &Arc<GraspTask>) -> Finding {
     env.start_open();
     let mut random = ChaCha8Rng::seed_from_u64(SEED);
     for (index, scene) in task.scenes.iter().enumerate() {
-        for _ in 0..EPISODES_PER_OBJECT {
+        for _ in 0..STARTS {
             env.reset(index, &mut random)
                 .map_err(|error| format!("{}: {}", scene.object.name, with_sources(&error)))?;
             let at = &scene.addresses;

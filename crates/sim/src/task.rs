@@ -135,6 +135,11 @@ const ID_ENTRY: &str = "object:id";
 const SHAPE_ENTRIES: [&str; 6] =
     ["object:shape_xx", "object:shape_yy", "object:shape_zz", "object:shape_xy", "object:shape_xz", "object:shape_yz"];
 
+/// Whether an entry of the observation is the same in every episode with one object.
+pub(crate) fn tells_objects_apart(entry: &str) -> bool {
+    entry == ID_ENTRY || SHAPE_ENTRIES.contains(&entry)
+}
+
 impl GraspTask {
     /// Number of values of a goal: the object's position.
     pub const GOAL_LEN: usize = 3;

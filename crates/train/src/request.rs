@@ -3,13 +3,11 @@
 //! Every fault of a request is found before a run directory is made.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use eigenhand_files::write_atomically;
 use eigenhand_hands::{Hand, Registry, ScriptedGrasps, SearchPath};
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_sim::contract;
 use serde::Serialize;
 use toml::Value;
 
@@ -17,7 +15,7 @@ use crate::action_space::SynergySpace;
 use crate::assignment::Assignment;
 use crate::config::{ConfigError, Layers, Preset, RunConfig, parse_settings, read_layer};
 use crate::error::TrainError;
-use crate::hands::{check_digest, hand_named};
+use crate::hands::{check_contract, check_digest, hand_named};
 use crate::logging::{Logged, RunLog};
 use crate::progress::Progress;
 use crate::provenance::Provenance;
@@ -130,7 +128,7 @@ impl Launch {
         let library = MuJoCo::load()?;
         let task = task_of(&config, &hand, &library)?;
         if !request.force {
-            keeps_contract(&config, &hand, &library)?;
+            check_contract(&config.hand, &hand, &library)?;
         }
         let other_task = other_task_of(&config, &hand, &library, &task)?;
         let space = SynergySpace::of(&config, &hand, &task)?;
@@ -239,16 +237,6 @@ impl Plan {
             mujoco_library: library.origin().to_owned(),
         }
     }
-}
-
-/// Checks the hand in the default setting, as `hands check` does, since the contract is one on the hand alone.
-fn keeps_contract(config: &RunConfig, hand: &Hand, library: &Arc<MuJoCo>) -> Result<(), TrainError> {
-    let report = contract::check(hand, library, &RunConfig::default_preset()?.setting());
-    let faults: Vec<String> = report.faults().map(|check| format!("  {check}")).collect();
-    if faults.is_empty() {
-        return Ok(());
-    }
-    Err(TrainError::HandContract { hand: config.hand.clone(), faults: faults.join("\n") })
 }
 
 /// Resolves a request into complete settings and the hand.

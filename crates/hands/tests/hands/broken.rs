@@ -66,6 +66,10 @@ fn wrong_type_and_wrong_value() {
         "DIR/hand.toml: key `slide.kp`: expected a positive number (N/m), got nan"
     );
     assert_eq!(
+        manifest_message("[open_posture]", "[scripted_grasps]\ntried = 14\nlifted = 15\nreached = 3\n[open_posture]"),
+        "DIR/hand.toml: key `scripted_grasps.lifted`: expected a number of grasps, at most those that were tried, got 15"
+    );
+    assert_eq!(
         manifest_message("left_near_joint = 0.5", "left_near_joint = 90"),
         "DIR/hand.toml: key `open_posture.left_near_joint`: expected a value from -1.5707963267948966 to 1.5707963267948966 (rad), got 90"
     );

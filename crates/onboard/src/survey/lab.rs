@@ -3,25 +3,23 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use eigenhand_mujoco::{BodyId, Data, GeomId, Model};
+use eigenhand_mujoco::{BodyId, Data, Model};
 use nalgebra::{Isometry3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::findings::Closing;
-use super::fingers::{Chain, base_of, jointed, rigid_root};
+use super::fingers::{Chain, base_of};
 use super::stand::TIMESTEP;
 use crate::error::{OnboardError, refuse};
 
+mod closing;
+mod jaw;
 mod placing;
 
 /// Number of random postures.
 const POSTURES: usize = 40;
 /// Time in s that the hand has to reach a posture.
 const SETTLE_TIME: f64 = 1.0;
-/// An actuator closes a finger if its effect on the fingertip's distance from the grasp is above this share of the
-/// largest effect on that finger.
-const NEUTRAL: f64 = 0.16;
 /// Shortest and longest finger in m, and the least distance in m by which some fingertip must move.
 const REACHES: [f64; 2] = [0.005, 0.6];
 const TRAVELS: f64 = 0.004;
@@ -264,73 +262,6 @@ impl<'a> Lab<'a> {
         anchors.map(distance).fold(f64::INFINITY, f64::min)
     }
 
-    /// Finds the part of the palm against which the only finger closes, and takes it as a second finger that does not
-    /// move.
-    pub(super) fn add_fixed_jaw(&mut self, poses: &mut [Pose]) -> Result<(), OnboardError> {
-        const NEAR: f64 = 0.4;
-        const LONG: f64 = 0.5;
-        const DIRECTIONS: usize = 300;
-        if self.chains.len() != 1 {
-            return Ok(());
-        }
-        let moving = &self.chains[0];
-        let base = self.base(moving);
-        let reach = poses.iter().map(|pose| (pose.tips[0] - base).norm()).fold(0.0, f64::max);
-        let moves = jointed(self.model);
-        let group = rigid_root(self.model, &moves, self.palm);
-        let palm_from_world = self.palm_pose().inverse();
-        let gap =
-            |point: &Vector3<f64>| poses.iter().map(|pose| (pose.tips[0] - point).norm()).fold(f64::INFINITY, f64::min);
-        let geoms = self.model.geoms().filter(|&g| {
-            self.model.geom_collides(g) && rigid_root(self.model, &moves, self.model.geom_body(g)) == group
-        });
-        let mut points: Vec<(GeomId, Vector3<f64>, f64)> = Vec::new();
-        for geom in geoms {
-            for direction in sphere(DIRECTIONS) {
-                let point = palm_from_world.transform_point(&self.data.farthest_point(geom, &direction).into()).coords;
-                let distance = gap(&point);
-                if (point - base).norm() >= LONG * reach && distance <= NEAR * reach {
-                    points.push((geom, point, distance));
-                }
-            }
-        }
-        let Some(&(geom, nearest, _)) = points.iter().min_by(|a, b| a.2.total_cmp(&b.2)) else {
-            return Err(refuse(format!(
-                "only one finger moves ({:?}), and no part of {:?} reaches beside it to close against: one finger cannot \
-                 grasp. If the fixed jaw is a link of its own, give it collision geometry; if the hand is another part \
-                 of the file, name its palm with --palm",
-                self.model.body_name(moving.tip_body),
-                self.model.body_name(self.palm)
-            )));
-        };
-        // The middle of the corners around the nearest one.
-        let around: Vec<&Vector3<f64>> = points
-            .iter()
-            .filter(|(g, point, _)| *g == geom && (point - nearest).norm() < NEAR * reach)
-            .map(|(_, point, _)| point)
-            .collect();
-        let (lowest, highest) = around.iter().fold((nearest, nearest), |(l, h), p| (l.inf(p), h.sup(p)));
-        let tip = (lowest + highest) / 2.0;
-        let body = self.model.geom_body(geom);
-        let in_world = self.palm_pose().transform_point(&tip.into()).coords;
-        let own =
-            self.data.body_orientation(body).inverse_transform_vector(&(in_world - self.data.body_position(body)));
-        self.chains.push(Chain {
-            first_joint: moving.first_joint,
-            tip_body: body,
-            tip: own,
-            follows: false,
-            slide: moving.slide,
-            hinges: Vec::new(),
-            fixed: true,
-        });
-        self.guided.push(f64::INFINITY);
-        for pose in poses {
-            pose.tips.push(tip);
-        }
-        Ok(())
-    }
-
     /// Finds the centre of the grasp, and for each finger a posture in which it is nearly straight.
     ///
     /// This is the posture at zero commands if the finger then points in the direction of approach. Otherwise it is the
@@ -384,108 +315,16 @@ impl<'a> Lab<'a> {
         Ok(())
     }
 
-    /// Tells for each actuator which end of its range brings the tips of straight fingers nearer to the grasp.
-    pub(super) fn closing(&mut self, poses: &[Pose]) -> Result<Vec<Closing>, OnboardError> {
-        const NUDGE: f64 = 0.25;
-        // An actuator spreads a hanging finger, and does not close it, if it moves the tip mostly sideways.
-        const TOWARDS: f64 = 0.2;
-        // The strongest effect of each actuator on a finger, as a share of the largest effect of any actuator on that
-        // finger.
-        let mut strongest = vec![0.0_f64; self.ranges.len()];
-        let starts: Vec<(usize, bool)> = self.straight.iter().map(|straight| (straight.pose, straight.hangs)).collect();
-        for (finger, (start, hangs)) in starts.into_iter().enumerate() {
-            let from = poses[start].controls.clone();
-            let side = self.plane(finger, &poses[start].tips[finger]);
-            let mut effects = Vec::with_capacity(self.ranges.len());
-            for actuator in 0..self.ranges.len() {
-                let (low, high) = self.ranges[actuator];
-                let mut distance = [0.0; 2];
-                let mut ends = [Vector3::zeros(); 2];
-                for (end, sign) in [-1.0, 1.0].into_iter().enumerate() {
-                    let mut controls = from.clone();
-                    controls[actuator] = (from[actuator] + sign * NUDGE * (high - low)).clamp(low, high);
-                    ends[end] = self.nudged((start, actuator, end), &controls)?[finger];
-                    distance[end] = self.distance(&ends[end], &side);
-                }
-                let effect = distance[0] - distance[1];
-                let spreads = hangs && effect.abs() < TOWARDS * (ends[1] - ends[0]).norm();
-                effects.push(if spreads { 0.0 } else { effect });
-            }
-            let largest = effects.iter().fold(1e-9_f64, |most, e| most.max(e.abs()));
-            for (share, effect) in strongest.iter_mut().zip(effects) {
-                if (effect / largest).abs() > share.abs() {
-                    *share = effect / largest;
-                }
-            }
-        }
-        Ok(strongest
-            .iter()
-            .map(|&share| match share {
-                s if s > NEUTRAL => Closing::Up,
-                s if s < -NEUTRAL => Closing::Down,
-                _ => Closing::Neither,
-            })
-            .collect())
-    }
-
-    /// Returns the fingertips after one actuator was moved from a posture. Fingers and directions of approach share what
-    /// was measured.
-    fn nudged(&mut self, which: Nudge, controls: &[f64]) -> Result<Vec<Vector3<f64>>, OnboardError> {
-        if let Some(tips) = self.nudges.get(&which) {
-            return Ok(tips.clone());
-        }
-        let tips = self.take(controls)?;
-        self.nudges.insert(which, tips.clone());
-        Ok(tips)
-    }
-
-    /// Returns the direction that spans, together with the approach, the plane in which a finger bends.
-    ///
-    /// It runs along the straight finger, or towards the grasp if the finger points in the direction of approach. A jaw
-    /// that slides moves along its own axis.
-    /// Motion out of this plane spreads the fingers.
-    fn plane(&self, finger: usize, tip: &Vector3<f64>) -> Vector3<f64> {
-        const LEAST: f64 = 0.35;
-        let slides = self.slide_axis(finger).and_then(|axis| self.across(axis).try_normalize(LEAST));
-        if let Some(axis) = slides {
-            return axis;
-        }
-        let base = self.base(&self.chains[finger]);
-        let along = self.across((tip - base).try_normalize(1e-9).unwrap_or_else(Vector3::zeros));
-        along.try_normalize(LEAST).unwrap_or_else(|| self.towards_grasp(finger))
-    }
-
     /// Returns the direction in which a jaw slides, in the palm's frame; none for a finger that turns.
     fn slide_axis(&self, finger: usize) -> Option<Vector3<f64>> {
         let joint = self.chains[finger].slide.filter(|_| !self.chains[finger].fixed)?;
         Some(self.palm_pose().inverse_transform_vector(&self.data.joint_axis(joint)))
     }
 
-    /// Returns the direction from a finger's base to the grasp, perpendicular to the approach.
-    fn towards_grasp(&self, finger: usize) -> Vector3<f64> {
-        self.across(self.grasp - self.base(&self.chains[finger])).try_normalize(1e-9).unwrap_or_else(Vector3::zeros)
-    }
-
-    /// Returns a tip's distance from the grasp in the plane of the approach and `side`.
-    fn distance(&self, tip: &Vector3<f64>, side: &Vector3<f64>) -> f64 {
-        let away = tip - self.grasp;
-        away.dot(&self.approach).hypot(away.dot(side))
-    }
-
     /// Returns the part of a vector that is perpendicular to the approach.
     fn across(&self, v: Vector3<f64>) -> Vector3<f64> {
         v - self.approach * v.dot(&self.approach)
     }
-}
-
-/// Lists directions that are spread evenly (Fibonacci lattice).
-fn sphere(count: usize) -> impl Iterator<Item = Vector3<f64>> {
-    let golden = std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
-    (0..count).map(move |i| {
-        let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
-        let (radius, angle) = ((1.0 - z * z).sqrt(), golden * i as f64);
-        Vector3::new(radius * angle.cos(), radius * angle.sin(), z)
-    })
 }
 
 /// Returns the axis near a direction (see [`SNAP_ANGLE`]), or the direction itself if no axis is near.

@@ -98,8 +98,8 @@ impl<'a> Scripts<'a> {
         Ok(Scripts { script: Script::new(task, closing, step), environments })
     }
 
-    /// Carries out the grasps; `heard` receives how many are done.
-    pub(super) fn run(&mut self, jobs: &[Job], heard: &(dyn Fn(usize) + Sync)) -> Vec<Grasp> {
+    /// Carries out the grasps; `on_grasp` receives how many are done.
+    pub(super) fn run(&mut self, jobs: &[Job], on_grasp: &(dyn Fn(usize) + Sync)) -> Vec<Grasp> {
         let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
         let grasps = Mutex::new(vec![Grasp::default(); jobs.len()]);
         let (script, next, done, results) = (&self.script, &next, &done, &grasps);
@@ -112,7 +112,7 @@ impl<'a> Scripts<'a> {
                         // A grasp whose simulation diverges lifts nothing.
                         let grasp = script.grasp(env, job).unwrap_or_default();
                         results.lock().unwrap_or_else(PoisonError::into_inner)[i] = grasp;
-                        heard(done.fetch_add(1, Ordering::Relaxed) + 1);
+                        on_grasp(done.fetch_add(1, Ordering::Relaxed) + 1);
                     }
                 });
             }

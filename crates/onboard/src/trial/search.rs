@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::script::{Grasp, Job};
-use super::{Heard, Tally};
+use super::{OnGrasp, Tally};
 
 /// The grid along the fingers (x) and across them (y), in steps from the hand's present place. Along the fingers it
 /// reaches farther towards the palm.
@@ -20,19 +20,19 @@ const AGAIN: usize = 3;
 const TRIALS: usize = 2;
 
 /// The grasps of a search. `run` carries grasps out and tells how many are done.
-pub(super) struct Search<'a, F> {
+pub(super) struct Places<'a, F> {
     /// The object of each grasp at a place, in order. Places are compared by the same grasps.
     order: Vec<usize>,
     n_scenes: usize,
     per_step: f64,
     run: F,
     tried: BTreeMap<[i32; 2], Vec<Grasp>>,
-    heard: &'a Heard<'a>,
+    on_grasp: &'a OnGrasp<'a>,
     expected: usize,
     done: usize,
 }
 
-impl<F> Search<'_, F> {
+impl<F> Places<'_, F> {
     /// Returns the grasps at a place.
     pub(super) fn grasps(&self, place: [i32; 2]) -> &[Grasp] {
         self.tried.get(&place).map_or(&[], Vec::as_slice)
@@ -62,13 +62,13 @@ impl<F> Search<'_, F> {
     }
 }
 
-impl<'a, F: FnMut(&[Job], &(dyn Fn(usize) + Sync)) -> Vec<Grasp>> Search<'a, F> {
-    pub(super) fn new(n_scenes: usize, per_step: f64, run: F, heard: &'a Heard<'a>) -> Self {
+impl<'a, F: FnMut(&[Job], &(dyn Fn(usize) + Sync)) -> Vec<Grasp>> Places<'a, F> {
+    pub(super) fn new(n_scenes: usize, per_step: f64, run: F, on_grasp: &'a OnGrasp<'a>) -> Self {
         let all = 0..n_scenes;
         let first = all.clone().step_by(EVERY);
         let others = all.clone().filter(|scene| scene % EVERY != 0);
         let order = first.chain(others).chain((1..TRIALS).flat_map(|_| all.clone())).collect();
-        Search { order, n_scenes, per_step, run, tried: BTreeMap::new(), heard, expected: 0, done: 0 }
+        Places { order, n_scenes, per_step, run, tried: BTreeMap::new(), on_grasp, expected: 0, done: 0 }
     }
 
     /// Searches the grid, then beside its best places, and returns the best place of those with most grasps.
@@ -105,9 +105,9 @@ impl<'a, F: FnMut(&[Job], &(dyn Fn(usize) + Sync)) -> Vec<Grasp>> Search<'a, F> 
             let new = self.order.iter().enumerate().take(n_grasps).skip(from);
             jobs.extend(new.map(|(draw, &scene)| Job { scene, place, draw: draw as u64 }));
         }
-        let (heard, done) = (self.heard, self.done);
+        let (on_grasp, done) = (self.on_grasp, self.done);
         let expected = self.expected.max(done + jobs.len());
-        let grasps = (self.run)(&jobs, &|now| heard(done + now, expected));
+        let grasps = (self.run)(&jobs, &|now| on_grasp(done + now, expected));
         self.done += jobs.len();
         for (job, grasp) in jobs.iter().zip(grasps) {
             self.tried.entry(job.place).or_default().push(grasp);
@@ -137,8 +137,8 @@ mod tests {
             };
             jobs.iter().map(grasp).collect()
         };
-        let heard = |_: usize, _: usize| {};
-        let place = Search::new(N_OBJECTS, 0.02, run, &heard).best_place();
+        let on_grasp = |_: usize, _: usize| {};
+        let place = Places::new(N_OBJECTS, 0.02, run, &on_grasp).best_place();
         (place, n_grasps)
     }
 
@@ -161,8 +161,8 @@ mod tests {
             }
             vec![Grasp::default(); jobs.len()]
         };
-        let heard = |_: usize, _: usize| {};
-        let place = Search::new(N_OBJECTS, 0.02, run, &heard).best_place();
+        let on_grasp = |_: usize, _: usize| {};
+        let place = Places::new(N_OBJECTS, 0.02, run, &on_grasp).best_place();
         assert_eq!(place, [0, 0], "a hand that lifts nothing stays in its place");
         let seen = seen.into_inner();
         let longest = seen.values().max_by_key(|grasps| grasps.len()).unwrap();

@@ -7,15 +7,16 @@ use eigenhand_mujoco::Data;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use super::{EPISODES_PER_OBJECT, Finding, SEED};
+use super::{Finding, SEED};
+use crate::task::tells_objects_apart;
 use crate::{GraspEnv, GraspTask, Object, SimError};
 
+/// Least number of episodes. Fewer do not show how far the hand reaches.
+const EPISODES: usize = 20;
 /// Number of control steps that a random command is held, so that the hand has time to move.
 const HOLD_STEPS: usize = 8;
 /// An entry of the observation that varies by less than this, in its own unit, is constant.
 const LEAST_VARIATION: f32 = 1e-6;
-/// Entry of the observation that is constant if there is only one object.
-const OBJECT_ID: &str = "object:id";
 
 /// Results of random episodes with held commands.
 pub(super) struct RandomEpisodes {
@@ -31,7 +32,7 @@ pub(super) struct RandomEpisodes {
     touched: usize,
 }
 
-/// Runs random episodes with each object.
+/// Runs equally many random episodes with each object.
 pub(super) fn run(hand: &Hand, task: &Arc<GraspTask>) -> Result<RandomEpisodes, SimError> {
     let n = task.observation_len();
     let mut found = RandomEpisodes {
@@ -49,7 +50,7 @@ pub(super) fn run(hand: &Hand, task: &Arc<GraspTask>) -> Result<RandomEpisodes, 
     let mut observation = vec![0.0; n];
     let mut action = vec![0.0; task.action_len()];
     for (scene, _) in task.scenes.iter().enumerate() {
-        for _ in 0..EPISODES_PER_OBJECT {
+        for _ in 0..EPISODES.div_ceil(task.scenes.len()) {
             env.reset(scene, &mut random)?;
             found.episodes += 1;
             let mut touched = false;
@@ -104,8 +105,8 @@ impl RandomEpisodes {
             .zip(self.lowest.iter().zip(&self.highest))
             .filter(|(_, (low, high))| *high - *low < LEAST_VARIATION)
             .map(|(entry, _)| entry.name)
-            // With one object, its id is the same in every episode.
-            .filter(|name| task.scenes.len() > 1 || name != OBJECT_ID)
+            // With one object, these are the same in every episode.
+            .filter(|name| task.scenes.len() > 1 || !tells_objects_apart(name))
             .collect();
         if constant.is_empty() {
             Ok(format!("no constant entry in {} random episodes", self.episodes))
