@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two. A test adds its own settings after them.
-pub const TINY: [&str; 40] = [
+pub const TINY: [&str; 43] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -57,6 +57,8 @@ pub const TINY: [&str; 40] = [
     "training.least_held_steps=0.0",
     "training.updates_per_episode=2.5",
     "training.slide_hold=1",
+    "training.decay_start=0.6",
+    "training.final_learning_rate=0.2",
     "training.checkpoint_every=8",
     "training.replay_episodes=20",
     "evaluation.every=8",
@@ -81,6 +83,7 @@ pub const TINY: [&str; 40] = [
     "physics.impratio=10",
     "physics.noslip_iterations=0",
     "physics.solver_iterations=20",
+    "physics.self_collision=false",
     "learner.hidden=[16, 16]",
     "learner.batch_size=32",
     "exploration.noise_free_share=0.5",

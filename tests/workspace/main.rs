@@ -12,6 +12,7 @@ mod docs;
 mod edges;
 mod gripper;
 mod new_hand;
+mod published;
 mod python;
 mod report;
 mod reproduce;

@@ -14,7 +14,9 @@ use nalgebra::{Unit, UnitQuaternion, Vector3};
 use rand::RngExt;
 
 use crate::gripper::{GRIPPER_MANIFEST, GRIPPER_MODEL};
-use crate::support::{constant_policy, gripper, gripper_with, job, mujoco, registry, task, tiny};
+use crate::support::{
+    constant_policy, gripper, gripper_with, gripper_with_full_contacts, job, mujoco, registry, task, tiny,
+};
 
 fn every_hand() -> Vec<Hand> {
     let registry = registry();
@@ -489,16 +491,7 @@ fn an_episode_is_a_function_of_its_job() {
 
 #[test]
 fn a_full_contact_buffer_is_counted() {
-    // Many boxes in one place, which can move relative to one another: more contacts than any hand has.
-    let boxes: String = (0..14)
-        .map(|i| {
-            format!(
-                "<body name=\"box{i}\" pos=\"0.2 0 0.1\"><joint name=\"box{i}_joint\" axis=\"0 0 1\"/>\
-                 <geom type=\"box\" size=\"0.03 0.03 0.03\" conaffinity=\"1\" mass=\"0.05\"/></body>"
-            )
-        })
-        .collect();
-    let task = task(&tiny(&["task.steps=3"]), &gripper_with(&boxes, ""));
+    let task = task(&tiny(&["task.steps=3"]), &gripper_with_full_contacts());
     let mut env = GraspEnv::new(&task).unwrap();
     let policy = constant_policy(&task, &vec![0.0; task.action_len()]);
     let episode = run_episode(&mut env, &mut policy.scratch(), &job(&policy, &Behaviour::Greedy, 0)).unwrap();

@@ -73,6 +73,20 @@ pub fn gripper_with(bodies: &str, actuators: &str) -> Hand {
     Hand::load(directory.path()).unwrap_or_else(|error| panic!("{error}"))
 }
 
+/// Returns the gripper with many boxes in one place, which can move relative to one another: more contacts than any hand
+/// has. With `physics.self_collision` there are none, because bodies that overlap at the start do not collide.
+pub fn gripper_with_full_contacts() -> Hand {
+    let boxes: String = (0..14)
+        .map(|i| {
+            format!(
+                "<body name=\"box{i}\" pos=\"0.2 0 0.1\"><joint name=\"box{i}_joint\" axis=\"0 0 1\"/>\
+                 <geom type=\"box\" size=\"0.03 0.03 0.03\" conaffinity=\"1\" mass=\"0.05\"/></body>"
+            )
+        })
+        .collect();
+    gripper_with(&boxes, "")
+}
+
 /// Writes the files of the gripper, with more bodies and actuators, into a directory.
 pub fn write_gripper(directory: &Path, bodies: &str, actuators: &str) {
     let model = GRIPPER_MODEL.replace("<!-- extra bodies -->", bodies).replace("<!-- extra actuators -->", actuators);

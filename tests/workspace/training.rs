@@ -12,7 +12,9 @@ use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
 
 use crate::confinement::gripper_with_vane;
 use crate::gripper::LONGER;
-use crate::support::{DieAfter, Run, StopAfter, gripper, gripper_with, python, python_has, tiny};
+use crate::support::{
+    DieAfter, Run, StopAfter, gripper, gripper_with, gripper_with_full_contacts, python, python_has, tiny,
+};
 
 const EPISODES: u64 = 24;
 const LAST: &str = "checkpoints/episode-00000024";
@@ -296,15 +298,7 @@ fn a_hand_that_always_diverges_ends_its_run_in_order() {
 
 #[test]
 fn full_buffers_in_training_are_counted() {
-    let boxes: String = (0..14)
-        .map(|i| {
-            format!(
-                "<body name=\"box{i}\" pos=\"0.2 0 0.1\"><joint name=\"box{i}_joint\" axis=\"0 0 1\"/>\
-                 <geom type=\"box\" size=\"0.03 0.03 0.03\" conaffinity=\"1\" mass=\"0.05\"/></body>"
-            )
-        })
-        .collect();
-    let run = Run::new(gripper_with(&boxes, ""));
+    let run = Run::new(gripper_with_full_contacts());
     let summary =
         run.train(&tiny(&["episodes=2", "task.steps=3", "evaluation.episodes=1", "evaluation.final_episodes=1"]));
     assert!(summary.buffer_warnings > 0);

@@ -9,7 +9,7 @@ use eigenhand_synergy::{Content, MotionRecord, Synergy};
 use crate::assignment::Assignment;
 use crate::control::control_space;
 use crate::control_product::ControlProduct;
-use crate::drive::{Driver, MOST_COMPONENTS, fewest_components};
+use crate::drive::{Driven, Driver, MOST_COMPONENTS, fewest_components};
 use crate::error::TrainError;
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate, simulate};
 use crate::metrics::TRUSTED;
@@ -28,25 +28,14 @@ impl Trainer {
     /// The error that stopped the run; the newest checkpoint stays valid.
     pub fn run(mut self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
         self.train(stop, progress)?;
-        let evaluations = &self.assignment.config.evaluation;
         let complete = self.counters.episodes >= self.assignment.config.episodes && !stop.load(Ordering::Relaxed);
-        if complete {
-            if self.finalists.list().len() > 1 {
-                progress.note(&format!("comparing the {} best policies", self.finalists.list().len()));
-            }
-            let episodes = evaluations.final_episodes;
-            let others = if self.assignment.other_task.is_some() { ", and with other objects" } else { "" };
-            progress.note(&format!(
-                "final evaluation: {episodes} new episodes, with all joints and with 0 to {MOST_COMPONENTS} numbers{others}"
-            ));
-        }
         progress.finish();
-        self.conclude(complete)
+        self.conclude(complete, progress)
     }
 
     /// Chooses the policy, evaluates it if the run is `complete`, and writes products and summary.
-    fn conclude(mut self, complete: bool) -> Result<Summary, TrainError> {
-        let (policy, policy_episode) = self.choose_policy(complete)?;
+    fn conclude(mut self, complete: bool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
+        let (policy, policy_episode) = self.choose_policy(complete, progress)?;
         let motions = self.motions_of(&policy, complete)?;
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
         let settled_at = self.control.settled_at().filter(|_| policy.map() == self.map_of_numbers());
@@ -59,7 +48,10 @@ impl Trainer {
         let mut other_objects = None;
         if complete {
             let episodes = self.assignment.config.evaluation.final_episodes;
-            evaluation = Some(self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?);
+            progress.note(&format!("final evaluation: {episodes} new episodes with all joints, and with few numbers"));
+            let found = self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?;
+            progress.note(&format!("with all joints: {}", percent(found.success_rate())));
+            evaluation = Some(found);
             if let Some(space) = &space {
                 let Assignment { config, task, .. } = &self.assignment;
                 let actuators = &self.control.actuators;
@@ -73,9 +65,16 @@ impl Trainer {
                 };
                 let confined = settled_at.is_some() && self.control.is_confined();
                 let (seed, stream) = (config.seed, EvaluationStream::Final);
-                success_with_components = driver.measure_each(&mut self.pool, seed, stream, episodes, confined)?;
+                let each = |driven: &Driven| {
+                    progress.note(&format!("with {} numbers: {}", driven.components, percent(driven.success_rate)));
+                };
+                success_with_components =
+                    driver.measure_each(&mut self.pool, seed, stream, episodes, confined, each)?;
             }
             other_objects = self.evaluate_other_objects(&policy, space.as_ref())?;
+            if let Some(others) = &other_objects {
+                progress.note(&format!("with other objects: {}", percent(others.success_rate)));
+            }
         }
         let wall_s = self.wall_s();
         let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
@@ -217,14 +216,20 @@ impl Trainer {
     ///
     /// A complete run compares its finalists on further episodes. An interrupted run takes the finalist with the best
     /// evaluation.
-    fn choose_policy(&mut self, complete: bool) -> Result<(Policy, u64), TrainError> {
+    fn choose_policy(&mut self, complete: bool, progress: &mut dyn Progress) -> Result<(Policy, u64), TrainError> {
         let finalists = self.finalists.clone();
         let episodes = self.assignment.config.evaluation.selection_episodes;
+        if complete && finalists.list().len() > 1 {
+            progress.note(&format!("comparing the {} best policies", finalists.list().len()));
+        }
         let chosen = finalists.choose(|finalist| {
             if !complete {
                 return Ok(finalist.success_rate);
             }
-            Ok(self.evaluate_policy(&finalist.policy, EvaluationStream::Selection, episodes)?.success_rate())
+            let found = self.evaluate_policy(&finalist.policy, EvaluationStream::Selection, episodes)?;
+            let rate = found.success_rate();
+            progress.note(&format!("after episode {}: {} of {episodes} episodes", finalist.episode, percent(rate)));
+            Ok(rate)
         })?;
         Ok(match chosen {
             Some(finalist) => (finalist.policy.clone(), finalist.episode),
@@ -242,6 +247,11 @@ impl Trainer {
         let Assignment { config, task, .. } = &self.assignment;
         evaluate(&mut self.pool, task, policy, config.seed, stream, 0..episodes)
     }
+}
+
+/// `0.965` => `96.5 %`
+fn percent(rate: f64) -> String {
+    format!("{:.1} %", 100.0 * rate)
 }
 
 /// Analyses the postures of an evaluation's successes, without the slide.

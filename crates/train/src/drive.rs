@@ -96,7 +96,8 @@ pub(crate) fn fewest_components(success: &[f64], all_joints: f64) -> Option<usiz
 
 impl Driver<'_> {
     /// Measures the success with 0, 1, 2... components, up to all of the space. Components in which the policy's
-    /// commands do not vary change nothing, and are not measured: if it is `confined`, those beyond its numbers.
+    /// commands do not vary change nothing, and are not measured: if it is `confined`, those beyond its numbers. `each`
+    /// receives what is measured.
     ///
     /// # Errors
     /// As [`WorkerPool::collect`].
@@ -107,13 +108,18 @@ impl Driver<'_> {
         stream: EvaluationStream,
         episodes: u64,
         confined: bool,
+        mut each: impl FnMut(&Driven),
     ) -> Result<Vec<f64>, TrainError> {
         let mut rates: Vec<f64> = Vec::new();
         for k in 0..=self.space.n_components() {
             let last = k.checked_sub(1).map(|i| self.space.contribution()[i]);
             let rate = match (last, rates.last()) {
                 (Some(share), Some(&rate)) if share < STILL || (confined && k > self.numbers) => rate,
-                _ => self.measure(pool, k, seed, stream, episodes, false)?.success_rate,
+                _ => {
+                    let driven = self.measure(pool, k, seed, stream, episodes, false)?;
+                    each(&driven);
+                    driven.success_rate
+                }
             };
             rates.push(rate);
         }
