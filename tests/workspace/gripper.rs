@@ -46,7 +46,7 @@ pub const GRIPPER_MODEL: &str = r#"<mujoco model="gripper">
 "#;
 
 /// Settings of a run that takes a second or two. A test adds its own settings after them.
-pub const TINY: [&str; 43] = [
+pub const TINY: [&str; 44] = [
     "hand=gripper",
     "episodes=24",
     "objects=[\"cube\"]",
@@ -64,6 +64,7 @@ pub const TINY: [&str; 43] = [
     "evaluation.every=8",
     "evaluation.episodes=4",
     "evaluation.final_episodes=6",
+    "evaluation.selection_episodes=8",
     "synergy.components=2",
     "synergy.start_after=2",
     "synergy.window=4",

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use eigenhand_hands::Hand;
 use eigenhand_rl::EpisodeData;
 use eigenhand_synergy::{PostureDatabase, PostureRecord, Source, newest};
-use eigenhand_train::{Silent, StoppedBy, Summary, TrainError};
+use eigenhand_train::{Progress, Silent, Status, StoppedBy, Summary, TrainError};
 
 use crate::confinement::gripper_with_vane;
 use crate::gripper::LONGER;
@@ -294,6 +294,37 @@ fn a_hand_that_always_diverges_ends_its_run_in_order() {
     assert_eq!((summary.success_rate, summary.n_postures), (Some(0.0), 0));
     assert_eq!((stored_episodes(&run), postures(&run).len()), (0, 0));
     assert_eq!(run.bytes("scenes/reference.json"), b"[]");
+}
+
+/// Keeps the lines that stay.
+#[derive(Default)]
+struct Notes(Vec<String>);
+
+impl Progress for Notes {
+    fn update(&mut self, _status: &Status) {}
+
+    fn note(&mut self, line: &str) {
+        self.0.push(line.to_owned());
+    }
+}
+
+#[test]
+fn the_final_evaluation_shows_its_results_one_by_one() {
+    let run = Run::new(gripper_with_vane());
+    let mut notes = Notes::default();
+    let summary = run.start(&tiny(&LONGER), &AtomicBool::new(false), &mut notes);
+    let percent = |rate: f64| format!("{:.1} %", 100.0 * rate);
+    let success = &summary.success_with_components;
+    assert!(success.len() > 1);
+    let expected = [
+        format!("with all joints: {}", percent(summary.success_rate.unwrap())),
+        format!("with 0 numbers: {}", percent(success[0])),
+        format!("with 1 number: {}", percent(success[1])),
+    ];
+    let last: Vec<&String> = notes.0.iter().filter(|line| line.starts_with("with ")).collect();
+    assert_eq!(last[..3], expected.each_ref(), "{:?}", notes.0);
+    let finalists = notes.0.iter().filter(|line| line.starts_with("policy after episode ")).count();
+    assert!(finalists > 1, "{:?}", notes.0);
 }
 
 #[test]

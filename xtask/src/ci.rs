@@ -15,12 +15,13 @@ use crate::python;
 /// Episodes of the smoke run before and after it is resumed.
 const SMOKE_EPISODES: [&str; 2] = ["12", "20"];
 /// Settings that make the smoke run pass through every stage in seconds.
-const SMOKE_SETTINGS: [&str; 5] = [
+const SMOKE_SETTINGS: [&str; 6] = [
     "training.warmup_episodes=6",
     "training.checkpoint_every=4",
     "evaluation.every=8",
     "evaluation.episodes=4",
     "evaluation.final_episodes=6",
+    "evaluation.selection_episodes=6",
 ];
 
 /// Runs the steps of continuous integration: format, lints, tests, documentation, hands, and a short training

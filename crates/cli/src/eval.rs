@@ -103,7 +103,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some((from, to)) = args.components {
         let progress = |row: &Driven| {
             if !args.json {
-                eprintln!("with {} numbers: {}", row.components, percent(row.success_rate));
+                eprintln!("{row}");
             }
         };
         let free = Freedom { steps: args.free_steps, actuators: args.free.clone() };

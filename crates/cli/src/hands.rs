@@ -1,6 +1,7 @@
 //! `eigenhand hands`
 
 use std::fmt::Write;
+use std::io::Write as _;
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -360,7 +361,8 @@ impl StepLines {
         };
         // Without a terminal, the line above is hidden.
         if self.line.is_hidden() && last.is_none_or(another) {
-            eprintln!("{step}");
+            // Nobody is harmed by a step that cannot be shown.
+            let _ = writeln!(std::io::stderr(), "{step}");
             *last = Some((step, Instant::now()));
         }
     }

@@ -16,12 +16,13 @@ use tempfile::TempDir;
 mod gripper;
 
 /// Settings with which a run passes through every stage in a second or two.
-const TINY: [&str; 10] = [
+const TINY: [&str; 11] = [
     "training.warmup_episodes=6",
     "training.checkpoint_every=4",
     "evaluation.every=8",
     "evaluation.episodes=2",
     "evaluation.final_episodes=4",
+    "evaluation.selection_episodes=4",
     "task.steps=20",
     "task.settle_time=0.1",
     "learner.hidden=[16, 16]",

@@ -50,7 +50,7 @@ impl Trainer {
             let episodes = self.assignment.config.evaluation.final_episodes;
             progress.note(&format!("final evaluation: {episodes} new episodes with all joints, and with few numbers"));
             let found = self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?;
-            progress.note(&format!("with all joints: {}", percent(found.success_rate())));
+            progress.note(&format!("with all joints: {:.1} %", 100.0 * found.success_rate()));
             evaluation = Some(found);
             if let Some(space) = &space {
                 let Assignment { config, task, .. } = &self.assignment;
@@ -65,15 +65,13 @@ impl Trainer {
                 };
                 let confined = settled_at.is_some() && self.control.is_confined();
                 let (seed, stream) = (config.seed, EvaluationStream::Final);
-                let each = |driven: &Driven| {
-                    progress.note(&format!("with {} numbers: {}", driven.components, percent(driven.success_rate)));
-                };
+                let each = |driven: &Driven| progress.note(&driven.to_string());
                 success_with_components =
                     driver.measure_each(&mut self.pool, seed, stream, episodes, confined, each)?;
             }
             other_objects = self.evaluate_other_objects(&policy, space.as_ref())?;
             if let Some(others) = &other_objects {
-                progress.note(&format!("with other objects: {}", percent(others.success_rate)));
+                progress.note(&format!("with other objects: {:.1} %", 100.0 * others.success_rate));
             }
         }
         let wall_s = self.wall_s();
@@ -228,7 +226,8 @@ impl Trainer {
             }
             let found = self.evaluate_policy(&finalist.policy, EvaluationStream::Selection, episodes)?;
             let rate = found.success_rate();
-            progress.note(&format!("after episode {}: {} of {episodes} episodes", finalist.episode, percent(rate)));
+            let (after, percent) = (finalist.episode, 100.0 * rate);
+            progress.note(&format!("policy after episode {after}: success {percent:.1} % of {episodes} episodes"));
             Ok(rate)
         })?;
         Ok(match chosen {
@@ -247,11 +246,6 @@ impl Trainer {
         let Assignment { config, task, .. } = &self.assignment;
         evaluate(&mut self.pool, task, policy, config.seed, stream, 0..episodes)
     }
-}
-
-/// `0.965` => `96.5 %`
-fn percent(rate: f64) -> String {
-    format!("{:.1} %", 100.0 * rate)
 }
 
 /// Analyses the postures of an evaluation's successes, without the slide.

@@ -1,5 +1,6 @@
 //! Driving the hand with few numbers: the success of a policy whose commands are projected on a space.
 
+use std::fmt;
 use std::sync::Arc;
 
 use eigenhand_rl::{Policy, rng};
@@ -63,6 +64,13 @@ pub struct Driven {
     pub random_success_rate: Option<f64>,
     /// Share of the variance of the commands in the components.
     pub variance_share: f64,
+}
+
+impl fmt::Display for Driven {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let plural = if self.components == 1 { "" } else { "s" };
+        write!(f, "with {} number{plural}: {:.1} %", self.components, 100.0 * self.success_rate)
+    }
 }
 
 /// A policy whose commands can be projected.

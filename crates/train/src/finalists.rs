@@ -59,7 +59,6 @@ impl Finalists {
         let mut chosen: Option<(f64, &Finalist)> = None;
         for finalist in &self.best {
             let rate = if self.best.len() > 1 { score(finalist)? } else { finalist.success_rate };
-            tracing::info!("finalist of episode {}: success {:.1} %", finalist.episode, 100.0 * rate);
             if chosen.is_none_or(|(best, _)| rate > best) {
                 chosen = Some((rate, finalist));
             }
