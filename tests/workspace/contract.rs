@@ -61,7 +61,7 @@ fn check_with(old: &str, new: &str) -> ContractReport {
 }
 
 /// Reads the gripper with one piece of its manifest or model replaced.
-fn gripper_with(old: &str, new: &str) -> Hand {
+pub fn gripper_with(old: &str, new: &str) -> Hand {
     assert_eq!(MANIFEST.matches(old).count() + MODEL.matches(old).count(), 1, "{old:?} must occur exactly once");
     let directory = tempfile::tempdir().unwrap();
     std::fs::write(directory.path().join("hand.toml"), MANIFEST.replace(old, new)).unwrap();

@@ -21,4 +21,5 @@ mod schedules;
 mod simulation;
 mod source;
 mod support;
+mod symptoms;
 mod training;

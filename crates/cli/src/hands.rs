@@ -295,7 +295,8 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
         print_json(&found)?;
     } else {
         let picture = found.picture.iter().map(|file| format!("picture {}\n", file.display()));
-        print(&(describe(&found.report) + &picture.collect::<String>()))?;
+        let symptoms = found.symptoms.iter().map(|symptom| format!("look at {symptom}\n"));
+        print(&symptoms.chain([describe(&found.report)]).chain(picture).collect::<String>())?;
     }
     Ok(if found.report.passed() { Outcome::Done } else { Outcome::Failed })
 }

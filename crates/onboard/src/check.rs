@@ -12,6 +12,7 @@ use eigenhand_sim::{GraspTask, Setting};
 use serde::Serialize;
 
 use crate::error::OnboardError;
+use crate::symptoms::{Symptom, symptoms};
 use crate::trial::lift;
 
 /// The result of the contract for a hand, and the path of its picture.
@@ -20,6 +21,8 @@ pub struct HandCheck {
     /// The conditions.
     #[serde(flatten)]
     pub report: ContractReport,
+    /// Signs of a fault in the hand's model.
+    pub symptoms: Vec<Symptom>,
     /// Path of the picture, if one was requested and the hand's scenes compile.
     pub picture: Option<PathBuf>,
 }
@@ -29,8 +32,9 @@ pub fn default_picture(hand: &Hand) -> PathBuf {
     Path::new("runs/hands").join(format!("{}.png", hand.manifest.name))
 }
 
-/// Runs the hand contract in a setting. If `picture` names a PNG file, also draws the hand above the table with each
-/// object, open, closed, and with an object that a script has lifted, and replaces an older file there.
+/// Runs the hand contract in a setting, and looks for signs of a fault. If `picture` names a PNG file, also draws the hand
+/// above the table with each object, open, closed, and with an object that a script has lifted, and replaces an older
+/// file there.
 ///
 /// # Errors
 /// [`OnboardError::File`] when the picture cannot be written.
@@ -41,21 +45,23 @@ pub fn check_hand(
     picture: Option<&Path>,
 ) -> Result<HandCheck, OnboardError> {
     let report = contract::check(hand, library, setting);
-    let picture = picture.filter(|_| report.compiles());
+    if !report.compiles() {
+        return Ok(HandCheck { report, symptoms: Vec::new(), picture: None });
+    }
+    let task = Arc::new(GraspTask::new(library, hand, setting)?);
     if let Some(file) = picture {
-        let drawn = picture_of(hand, library, setting)?.png()?;
+        let drawn = picture_of(hand, &task)?.png()?;
         if let Some(directory) = file.parent() {
             create_directory(directory)?;
         }
         write_atomically(file, &drawn)?;
     }
-    Ok(HandCheck { report, picture: picture.map(Path::to_path_buf) })
+    Ok(HandCheck { report, symptoms: symptoms(hand, &task)?, picture: picture.map(Path::to_path_buf) })
 }
 
-fn picture_of(hand: &Hand, library: &Arc<MuJoCo>, setting: &Setting) -> Result<Picture, OnboardError> {
-    let task = Arc::new(GraspTask::new(library, hand, setting)?);
-    let mut tiles = hand_with_objects(hand, &task)?;
-    if let Some(lifted) = lift(&task, &hand.manifest.closing)? {
+fn picture_of(hand: &Hand, task: &Arc<GraspTask>) -> Result<Picture, OnboardError> {
+    let mut tiles = hand_with_objects(hand, task)?;
+    if let Some(lifted) = lift(task, &hand.manifest.closing)? {
         let scene = &task.scenes[lifted.scene];
         let label = format!("{}, lifted by a script", scene.object.name);
         tiles.push(grasp(hand, scene, lifted.env.simulation())?.labelled(&label));

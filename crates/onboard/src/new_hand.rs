@@ -17,6 +17,7 @@ use serde::Serialize;
 
 use crate::error::OnboardError;
 use crate::survey::{Closing, Hints, Survey, arm, other_hands, survey};
+use crate::symptoms::{Symptom, symptoms};
 use crate::trial::{OnGrasp, Place, Search, best_place};
 
 mod model;
@@ -85,6 +86,8 @@ pub struct NewHandReport {
     pub drag_m: f64,
     /// Conditions of the hand contract that do not hold, each with what to change.
     pub broken: Vec<String>,
+    /// Signs of a fault in the hand's model.
+    pub symptoms: Vec<Symptom>,
     /// Actuators that close the hand at the upper end of their range.
     pub close_up: Vec<String>,
     /// Actuators that close the hand at the lower end of their range.
@@ -210,6 +213,7 @@ fn report(request: &NewHand, found: &Survey, fingertips: Vec<String>, notes: Vec
         tried: 0,
         drag_m: 0.0,
         broken: Vec::new(),
+        symptoms: Vec::new(),
         close_up: those(Closing::Up),
         close_down: those(Closing::Down),
         neither: those(Closing::Neither),
@@ -275,6 +279,9 @@ fn write(
     // The verdict tells of the grasps.
     report.broken =
         contract.faults().filter(|check| check.name != contract::GRASPS).map(|check| check.to_string()).collect();
+    if contract.compiles() {
+        report.symptoms = symptoms(&hand, &GraspTask::new(trials.library, &hand, trials.setting)?)?;
+    }
     save(place(README), readme(request, &report).as_bytes())?;
     if directory.is_dir() {
         fs::remove_dir(directory).map_err(cannot("replace", directory))?;

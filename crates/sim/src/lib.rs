@@ -18,6 +18,6 @@ pub use error::SimError;
 pub use objects::{ConvexMesh, Object, ObjectSet, Shape};
 pub use physics::{Cone, PhysicsConfig};
 pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};
-pub use self_contacts::SelfContacts;
+pub use self_contacts::{Overlap, SelfContacts};
 pub use setting::{Factors, Orientation, Setting, TaskConfig};
 pub use task::{GraspTask, ObjectScene, ObservationEntry};

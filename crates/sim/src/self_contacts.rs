@@ -1,5 +1,6 @@
 //! Contacts between the links of a hand: which geoms take part, and which pairs of bodies are left out.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use eigenhand_hands::Hand;
@@ -24,8 +25,16 @@ pub struct SelfContacts {
     /// For each geom of the hand, in the model's order: `contype` and `conaffinity`. Both are 0 for a geom that collides
     /// with nothing.
     bits: Vec<(i32, i32)>,
-    /// Pairs of bodies that overlap in the open posture.
-    excluded: Vec<(String, String)>,
+    overlaps: Vec<Overlap>,
+}
+
+/// A pair of bodies that overlap in the open posture, and so do not collide.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlap {
+    /// Names of both bodies.
+    pub bodies: [String; 2],
+    /// Deepest penetration in m.
+    pub depth: f64,
 }
 
 impl SelfContacts {
@@ -45,7 +54,7 @@ impl SelfContacts {
         let is_hand = without.geoms_below(without.body(MOUNT)?);
         let geoms = without.geoms().filter(|geom| is_hand[geom.index()]);
         let bits = geoms.map(|geom| without.geom_contact_bits(geom)).collect();
-        let mut found = SelfContacts { bits, excluded: Vec::new() };
+        let mut found = SelfContacts { bits, overlaps: Vec::new() };
         for _ in 0..ROUNDS {
             let scene = compose(&found)?;
             let model = Arc::new(Model::from_xml(library, &scene.xml, &scene.assets)?);
@@ -53,15 +62,18 @@ impl SelfContacts {
             if overlapping.is_empty() {
                 break;
             }
-            let named = |(a, b)| (model.body_name(a), model.body_name(b));
-            found.excluded.extend(overlapping.into_iter().map(named));
+            let named = |([a, b], depth): ([BodyId; 2], f64)| Overlap {
+                bodies: [model.body_name(a), model.body_name(b)],
+                depth,
+            };
+            found.overlaps.extend(overlapping.into_iter().map(named));
         }
         Ok(found)
     }
 
-    /// Lists the pairs of bodies that overlap in the open posture, and so do not collide.
-    pub fn excluded(&self) -> &[(String, String)] {
-        &self.excluded
+    /// Lists the pairs of bodies that overlap in the open posture.
+    pub fn overlaps(&self) -> &[Overlap] {
+        &self.overlaps
     }
 
     /// Lets the geoms in `mount` collide with one another. Bodies without a name get one.
@@ -81,9 +93,9 @@ impl SelfContacts {
         })
     }
 
-    /// Adds the excluded pairs to the scene's section `contact`.
+    /// Adds the overlapping pairs, as excluded, to the scene's section `contact`.
     pub(crate) fn exclude(&self, contact: &mut Element) {
-        for (a, b) in &self.excluded {
+        for Overlap { bodies: [a, b], .. } in &self.overlaps {
             append(contact, element("exclude", &[("body1", a.clone()), ("body2", b.clone())]));
         }
     }
@@ -104,21 +116,17 @@ fn apply_to_body<'a>(body: &mut Element, bits: &mut impl Iterator<Item = &'a (i3
     elements_mut(body).filter(|child| child.name == "body").all(|child| apply_to_body(child, bits, bodies))
 }
 
-/// Lists the pairs of bodies of the hand that touch in the open posture.
-fn overlapping_bodies(model: &Arc<Model>, at: &Addresses) -> Result<Vec<(BodyId, BodyId)>, SimError> {
+/// Lists the pairs of bodies of the hand that touch in the open posture, with their deepest penetration in m.
+fn overlapping_bodies(model: &Arc<Model>, at: &Addresses) -> Result<BTreeMap<[BodyId; 2], f64>, SimError> {
     let mut data = Data::new(model)?;
     data.qpos_mut().copy_from_slice(&at.start_qpos);
     data.forward();
-    let mut pairs: Vec<(BodyId, BodyId)> = data
-        .contacts()
-        .filter(|contact| between_links(contact, at))
-        .map(|contact| {
-            let [a, b] = contact.geoms.map(|geom| model.geom_body(geom));
-            (a.min(b), a.max(b))
-        })
-        .collect();
-    pairs.sort();
-    pairs.dedup();
+    let mut pairs = BTreeMap::new();
+    for contact in data.contacts().filter(|contact| between_links(contact, at)) {
+        let [a, b] = contact.geoms.map(|geom| model.geom_body(geom));
+        let deepest: &mut f64 = pairs.entry([a.min(b), a.max(b)]).or_default();
+        *deepest = deepest.max(-contact.distance);
+    }
     Ok(pairs)
 }
 

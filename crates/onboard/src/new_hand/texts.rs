@@ -121,6 +121,7 @@ pub fn describe_new_hand(report: &NewHandReport) -> String {
         centimetres(report.drag_m)
     );
     report.broken.iter().for_each(|condition| text.push_str(&format!("- fails the hand contract: {condition}\n")));
+    report.symptoms.iter().for_each(|symptom| text.push_str(&format!("- look at its {symptom}\n")));
     report.notes.iter().for_each(|note| text.push_str(&format!("- {note}\n")));
     text
 }

@@ -51,6 +51,8 @@ impl NewHandReport {
             )
         } else if 2 * self.missed > self.tried {
             format!("in {} of {} grasps the closed hand touches no object: {approach}", self.missed, self.tried)
+        } else if let Some(first) = self.symptoms.first() {
+            first.to_string()
         } else {
             let slipped = self.tried - self.missed - self.lifted;
             format!(
