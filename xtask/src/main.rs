@@ -6,6 +6,7 @@
 mod bindings;
 mod cargo;
 mod ci;
+mod gallery;
 mod python;
 mod same_digits;
 mod setup;
@@ -41,6 +42,7 @@ enum Command {
     Setup(setup::Args),
     Bindings(bindings::Args),
     SameDigits(same_digits::Args),
+    Gallery(gallery::Args),
 }
 
 fn command() -> clap::Command {
@@ -59,6 +61,7 @@ fn main() -> ExitCode {
         Command::Setup(args) => setup::run(&args),
         Command::Bindings(args) => bindings::run(&args),
         Command::SameDigits(args) => same_digits::run(&args),
+        Command::Gallery(args) => gallery::run(&args),
     })
 }
 

@@ -27,6 +27,7 @@ use crate::output::Outcome;
 
 pub use places::search_path;
 pub use program::{check_examples, speak_as};
+pub use train::INTERRUPTED;
 
 /// Exit status of a wrong command line; clap uses the same.
 const USAGE: u8 = 2;

@@ -18,13 +18,16 @@ const DIRECTORY: &str = "pictures";
 const TRIES: u64 = 20;
 /// Number of grasps in one row of the picture.
 const COLUMNS: usize = 4;
+/// The coefficients of a component that are drawn.
+const SWEEP: [&str; 3] = ["least", "zero", "greatest"];
 
 /// Draws a run's grasps and the components of its synergy
 #[derive(clap::Args)]
 #[command(
-    after_help = "Writes grasps.png with a successful grasp of each object, and components.png with a row for each\n\
+    after_help = "Writes grasps.png with a successful grasp of each object, components.png with a row for each\n\
     component of the control synergy: the hand at its smallest coefficient, at zero, and at its\n\
-    largest coefficient. Needs no display.\n\n\
+    largest coefficient, and overview.png with a grasp and the hand at both ends of these components.\n\
+    Needs no display.\n\n\
     Example:\n  eigenhand render runs/shadow-quick-l1-s1-1"
 )]
 pub struct Args {
@@ -65,8 +68,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         pictures.push(("grasps.png", Picture::grid(&grasps, COLUMNS)));
     }
     if let Some(synergy) = run.control_synergy()? {
-        let rows = sweep(&synergy, args.components as usize);
-        pictures.push(("components.png", postures(&run.hand, &run.task, &rows)?));
+        let tiles = postures(&run.hand, &run.task, &sweep(&synergy, args.components as usize))?;
+        pictures.push(("components.png", Picture::grid(&tiles, SWEEP.len())));
+        if !grasps.is_empty() {
+            pictures.push(("overview.png", overview(&grasps, &tiles)));
+        }
     }
     if pictures.is_empty() {
         bail!(
@@ -108,18 +114,50 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<Picture>, Vec<String>)> {
     Ok((drawn, missing))
 }
 
-/// Returns a row of postures for each of the first components: at its smallest coefficient, at zero, and at its
-/// largest.
-fn sweep(file: &SynergyFile, components: usize) -> Vec<Vec<Vec<f64>>> {
+/// Puts a grasp and the hand at both ends of a component into each row.
+fn overview(grasps: &[Picture], sweep: &[Picture]) -> Picture {
+    let mut tiles = Vec::new();
+    for (i, component) in sweep.chunks_exact(SWEEP.len()).enumerate() {
+        tiles.push(grasps[i * grasps.len().div_ceil(2) % grasps.len()].clone());
+        for end in [0, SWEEP.len() - 1] {
+            tiles.push(component[end].clone().labelled(&format!("component {}, {}", i + 1, SWEEP[end])));
+        }
+    }
+    Picture::grid(&tiles, 3)
+}
+
+/// Returns postures for each of the first components: at its smallest coefficient, at zero, and at its largest.
+fn sweep(file: &SynergyFile, components: usize) -> Vec<Vec<f64>> {
     let (synergy, Some(map)) = (&file.synergy, &file.joint_map) else { return Vec::new() };
     let ranges = synergy.coefficient_min().iter().zip(synergy.coefficient_max()).enumerate();
-    let row = |(i, (low, high)): (usize, (&f64, &f64))| -> Vec<Vec<f64>> {
+    let row = |(i, (low, high)): (usize, (&f64, &f64))| -> [Vec<f64>; SWEEP.len()] {
         let at = |value: f64| {
             let mut z = vec![0.0; synergy.n_components()];
             z[i] = value;
             map.decode(&z)
         };
-        [*low, 0.0, *high].map(at).to_vec()
+        [*low, 0.0, *high].map(at)
     };
-    ranges.take(components).map(row).collect()
+    ranges.take(components).flat_map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A tile of one colour, as wide as a label needs.
+    fn tile(colour: u8) -> Picture {
+        Picture { width: 300, height: 40, rgb: vec![colour; 3 * 300 * 40] }
+    }
+
+    #[test]
+    fn an_overview_has_a_grasp_and_both_ends_of_a_component_in_each_row() {
+        let (grasps, sweep) = ([1, 2, 3].map(tile), [10, 20, 30, 40, 50, 60].map(tile));
+        let shown = overview(&grasps, &sweep);
+        let colour = |column: usize, row: usize| shown.pixel(column * 304 + 299, row * 44).map(|pixel| pixel[0]);
+        let rows = [0, 1].map(|row| [0, 1, 2].map(|column| colour(column, row).unwrap_or_default()));
+        assert_eq!(rows, [[1, 10, 30], [3, 40, 60]]);
+        assert_eq!((shown.width, shown.height), (3 * 304 - 4, 2 * 44 - 4));
+        assert_eq!(overview(&grasps[..1], &sweep).pixel(299, 44), Some([1; 3]), "the only grasp is shown twice");
+    }
 }

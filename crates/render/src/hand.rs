@@ -93,21 +93,19 @@ pub fn grasp(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Picture, R
     Ok(tile(data, &FROM_THE_SIDE.framing(&points, ASPECT, FILLED)))
 }
 
-/// Draws the hand alone in each posture. A row of postures gives a row of pictures; all pictures share one camera.
+/// Draws the hand alone in each posture, one picture for each. All share one camera.
 ///
 /// # Errors
 /// As [`GraspTask::posed_hand`].
-pub fn postures(hand: &Hand, task: &GraspTask, rows: &[Vec<Vec<f64>>]) -> Result<Picture, RenderError> {
-    let Some(scene) = task.scenes.first() else { return Ok(Picture::grid(&[], 1)) };
-    let posed: Vec<Data> =
-        rows.iter().flatten().map(|posture| task.posed_hand(scene, posture)).collect::<Result<_, _>>()?;
+pub fn postures(hand: &Hand, task: &GraspTask, postures: &[Vec<f64>]) -> Result<Vec<Picture>, RenderError> {
+    let Some(scene) = task.scenes.first() else { return Ok(Vec::new()) };
+    let posed: Vec<Data> = postures.iter().map(|posture| task.posed_hand(scene, posture)).collect::<Result<_, _>>()?;
     let mut points = Vec::new();
     for data in &posed {
         points.extend(hand_points(hand, scene, data)?);
     }
     let camera = FROM_BELOW.framing(&points, ASPECT, FILLED);
-    let tiles: Vec<Picture> = posed.iter().map(|data| tile(data, &camera)).collect();
-    Ok(Picture::grid(&tiles, rows.iter().map(Vec::len).max().unwrap_or(1)))
+    Ok(posed.iter().map(|data| tile(data, &camera)).collect())
 }
 
 /// Returns the fingertips, and the corners of the bounding boxes of the geoms of the palm and its descendants.
