@@ -275,7 +275,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(root.join(PAGE)).unwrap(), page(&entries));
         for entry in &entries {
             assert!(root.join("docs").join(PICTURES).join(format!("{}.png", entry.hand)).is_file(), "{}", entry.hand);
-            let synergy = eigenhand_synergy::SynergyFile::read(&root.join(SYNERGIES).join(&entry.hand).join(SYNERGY));
+            let synergy = eigenhand_synergy::SynergyFile::read(root.join(SYNERGIES).join(&entry.hand).join(SYNERGY));
             assert_eq!(synergy.unwrap().hand, entry.hand);
         }
     }
