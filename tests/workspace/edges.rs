@@ -66,7 +66,8 @@ const ALLOWED: [(&str, &[&str]); 15] = [
 ];
 
 /// The developers' command line. It depends on the compiled plugin so that the plugin's library is built beside it.
-const XTASK: (&str, &[&str]) = ("xtask", &["eigenhand-cli", "eigenhand-hands", "eigenhand-hand-parametric"]);
+const XTASK: (&str, &[&str]) =
+    ("xtask", &["eigenhand-cli", "eigenhand-files", "eigenhand-hands", "eigenhand-hand-parametric"]);
 
 /// The package that may depend on all others, because it tests them together.
 const TESTS: &str = "eigenhand-tests";

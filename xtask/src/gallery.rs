@@ -8,8 +8,8 @@ use anyhow::{Context, bail};
 use eigenhand_cli::output::Outcome;
 use eigenhand_cli::{INTERRUPTED, search_path};
 use eigenhand_files::{create_directory, write_atomically};
-use eigenhand_hands::{HandSummary, Registry};
-use eigenhand_train::{Summary, hand_named, read_provenance};
+use eigenhand_hands::Registry;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 /// Directory with a directory for each hand, and the files in it.
@@ -76,6 +76,43 @@ struct Entry {
     recommended_components: Option<usize>,
 }
 
+/// What `hands show --json` says of a hand.
+#[derive(Deserialize)]
+struct About {
+    name: String,
+    description: String,
+    licence: String,
+    n_fingers: usize,
+    n_joints: usize,
+    n_actuators: usize,
+}
+
+/// What a finished run says in `summary.json`.
+#[derive(Deserialize)]
+struct Results {
+    seed: u64,
+    episodes: u64,
+    eval_episodes: u64,
+    success_rate: Option<f64>,
+    success_with_components: Vec<f64>,
+}
+
+/// What a run says in `provenance.toml`.
+#[derive(Deserialize)]
+struct Origin {
+    hand_digest: String,
+    git_revision: String,
+    platform: String,
+    mujoco_version: String,
+}
+
+/// What a synergy says of itself.
+#[derive(Deserialize)]
+struct Header {
+    hand: String,
+    recommended_components: Option<usize>,
+}
+
 fn named_file(text: &str) -> Result<(String, PathBuf), String> {
     match text.split_once('=') {
         Some((name, file)) if !name.is_empty() && !file.is_empty() => Ok((name.into(), file.into())),
@@ -119,13 +156,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 /// Trains a hand if its run is not finished, and keeps its synergy, its picture and its figures. Returns false if the
 /// training was interrupted.
 fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Result<bool> {
-    let found = hand_named(hand, &search_path(&[]))?;
-    let name = &found.manifest.name;
+    let about = about(hand)?;
+    let name = &about.name;
     let run = args.runs.join(name);
-    let summary = loop {
-        let summary = if run.is_dir() { Summary::read(&run)? } else { None };
-        if let Some(summary) = summary.filter(Summary::is_complete) {
-            break summary;
+    let (results, success) = loop {
+        if run.join("summary.json").is_file() {
+            let results: Results = serde_json::from_str(&text_of(&run.join("summary.json"))?)?;
+            // A run that was stopped has a summary too, but no evaluation.
+            if let Some(success) = results.success_rate {
+                break (results, success);
+            }
         }
         let train = |what: [&str; 2]| ["train", what[0], what[1]].map(str::to_owned).to_vec();
         let mut command = if run.is_dir() {
@@ -144,14 +184,14 @@ fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Res
     if !step(&["render", &path(&run), "--out", &path(pictures.path())].map(str::to_owned))? {
         return Ok(false);
     }
-    let (Some(success), synergy) = (summary.success_rate, run.join("synergy").join(SYNERGY)) else {
-        bail!("{} was not evaluated", run.display());
-    };
+    let synergy = run.join("synergy").join(SYNERGY);
     if !synergy.is_file() {
         bail!("{} has no synergy: its policy succeeds too seldom ({:.1} %)", run.display(), 100.0 * success);
     }
-    let recommended = eigenhand_synergy::import(run.join("synergy"))?.file.recommended;
-    let (provenance, about) = (read_provenance(&run)?, HandSummary::of(&found));
+    let (header, origin): (Header, Origin) = (read_toml(&synergy)?, read_toml(&run.join("provenance.toml"))?);
+    if header.hand != *name {
+        bail!("{} is a run of the hand {}", run.display(), header.hand);
+    }
     let entry = Entry {
         hand: name.clone(),
         description: about.description,
@@ -161,16 +201,16 @@ fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Res
         // The slide stands for the arm.
         joints: about.n_joints.saturating_sub(1),
         actuators: about.n_actuators.saturating_sub(1),
-        hand_digest: provenance.hand_digest,
-        revision: provenance.git_revision,
-        platform: provenance.platform,
-        mujoco: provenance.mujoco_version,
-        seed: summary.seed,
-        episodes: summary.episodes,
-        eval_episodes: summary.eval_episodes,
+        hand_digest: origin.hand_digest,
+        revision: origin.git_revision,
+        platform: origin.platform,
+        mujoco: origin.mujoco_version,
+        seed: results.seed,
+        episodes: results.episodes,
+        eval_episodes: results.eval_episodes,
         success,
-        success_with_components: summary.success_with_components,
-        recommended_components: recommended.map(|recommended| recommended.components),
+        success_with_components: results.success_with_components,
+        recommended_components: header.recommended_components,
     };
     let directory = root.join(SYNERGIES).join(name);
     create_directory(&directory)?;
@@ -195,6 +235,27 @@ fn step(arguments: &[String]) -> anyhow::Result<bool> {
     }
 }
 
+fn about(hand: &str) -> anyhow::Result<About> {
+    let program = std::env::current_exe().context("cannot find this program's own file")?;
+    let shown = Command::new(program)
+        .args(["hands", "show", hand, "--json"])
+        .stderr(std::process::Stdio::inherit())
+        .output()
+        .context("cannot run this program again")?;
+    if !shown.status.success() {
+        bail!("hands show {hand} failed ({})", shown.status);
+    }
+    Ok(serde_json::from_slice(&shown.stdout)?)
+}
+
+fn text_of(file: &Path) -> anyhow::Result<String> {
+    std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))
+}
+
+fn read_toml<T: DeserializeOwned>(file: &Path) -> anyhow::Result<T> {
+    toml::from_str(&text_of(file)?).with_context(|| format!("cannot read {}", file.display()))
+}
+
 fn path(path: &Path) -> String {
     path.to_string_lossy().into_owned()
 }
@@ -210,9 +271,7 @@ fn entries(synergies: &Path) -> anyhow::Result<Vec<Entry>> {
     for directory in std::fs::read_dir(synergies).with_context(|| format!("cannot read {}", synergies.display()))? {
         let file = directory?.path().join(TRAINING);
         if file.is_file() {
-            let text = std::fs::read_to_string(&file).with_context(|| format!("cannot read {}", file.display()))?;
-            let entry: Entry = toml::from_str(&text).with_context(|| format!("cannot read {}", file.display()))?;
-            found.push(entry);
+            found.push(read_toml::<Entry>(&file)?);
         }
     }
     found.sort_by(|a, b| a.hand.cmp(&b.hand));
@@ -275,8 +334,11 @@ mod tests {
         assert_eq!(std::fs::read_to_string(root.join(PAGE)).unwrap(), page(&entries));
         for entry in &entries {
             assert!(root.join("docs").join(PICTURES).join(format!("{}.png", entry.hand)).is_file(), "{}", entry.hand);
-            let synergy = eigenhand_synergy::SynergyFile::read(root.join(SYNERGIES).join(&entry.hand).join(SYNERGY));
-            assert_eq!(synergy.unwrap().hand, entry.hand);
+            let synergy: Header = read_toml(&root.join(SYNERGIES).join(&entry.hand).join(SYNERGY)).unwrap();
+            assert_eq!(
+                (synergy.hand, synergy.recommended_components),
+                (entry.hand.clone(), entry.recommended_components)
+            );
         }
     }
 }
