@@ -159,26 +159,20 @@ fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Res
     let about = about(hand)?;
     let name = &about.name;
     let run = args.runs.join(name);
-    let (results, success) = loop {
-        if run.join("summary.json").is_file() {
-            let results: Results = serde_json::from_str(&text_of(&run.join("summary.json"))?)?;
-            // A run that was stopped has a summary too, but no evaluation.
-            if let Some(success) = results.success_rate {
-                break (results, success);
-            }
-        }
-        let train = |what: [&str; 2]| ["train", what[0], what[1]].map(str::to_owned).to_vec();
+    if results(&run)?.is_none() {
         let mut command = if run.is_dir() {
-            train(["--resume", &path(&run)])
+            vec!["train".to_owned(), "--resume".to_owned(), path(&run)]
         } else {
             let episodes = args.episodes.to_string();
-            [train(["--hand", hand]), ["--episodes", &episodes, "--out", &path(&run)].map(str::to_owned).to_vec()]
-                .concat()
+            ["train", "--hand", hand, "--episodes", &episodes, "--out", &path(&run)].map(str::to_owned).to_vec()
         };
         command.extend(args.workers.iter().flat_map(|n| ["--workers".to_owned(), n.to_string()]));
         if !step(&command)? {
             return Ok(false);
         }
+    }
+    let Some((results, success)) = results(&run)? else {
+        bail!("{} has no evaluation: see its log.txt", run.display());
     };
     let pictures = tempfile::tempdir().context("cannot make a temporary directory")?;
     if !step(&["render", &path(&run), "--out", &path(pictures.path())].map(str::to_owned))? {
@@ -212,15 +206,29 @@ fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Res
         success_with_components: results.success_with_components,
         recommended_components: header.recommended_components,
     };
-    let directory = root.join(SYNERGIES).join(name);
+    let picture = pictures.path().join(PICTURE);
+    if !picture.is_file() {
+        bail!("{} has no picture: none of the episodes that `render` tried grasped an object", run.display());
+    }
+    let (directory, shown) = (root.join(SYNERGIES).join(name), root.join("docs").join(PICTURES));
     create_directory(&directory)?;
-    copy(&synergy, &directory.join(SYNERGY))?;
-    let shown = root.join("docs").join(PICTURES);
     create_directory(&shown)?;
-    copy(&pictures.path().join(PICTURE), &shown.join(format!("{name}.png")))?;
+    copy(&synergy, &directory.join(SYNERGY))?;
+    copy(&picture, &shown.join(format!("{name}.png")))?;
     write_atomically(&directory.join(TRAINING), toml::to_string(&entry)?.as_bytes())?;
     eprintln!("gallery: {name} is in {}", directory.display());
     Ok(true)
+}
+
+/// Reads a run's results and its success. None if it does not exist, or was stopped before its evaluation.
+fn results(run: &Path) -> anyhow::Result<Option<(Results, f64)>> {
+    let file = run.join("summary.json");
+    if !file.is_file() {
+        return Ok(None);
+    }
+    let results: Results =
+        serde_json::from_str(&text_of(&file)?).with_context(|| format!("cannot read {}", file.display()))?;
+    Ok(results.success_rate.map(|success| (results, success)))
 }
 
 /// Runs a command of this program. Returns false if it was interrupted.

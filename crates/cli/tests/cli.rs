@@ -531,6 +531,17 @@ fn hands_are_listed_shown_and_checked() {
     assert_eq!(output.status.code(), Some(FAILURE));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(report["checks"].as_array().unwrap().iter().any(|check| check["passed"] == false), "{report}");
+
+    let heavy = plugins.join("heavy");
+    std::fs::create_dir(&heavy).unwrap();
+    std::fs::write(heavy.join("hand.toml"), gripper::GRIPPER_MANIFEST).unwrap();
+    let model = gripper::GRIPPER_MODEL.replace("mass=\"0.3\"", "mass=\"30\"");
+    std::fs::write(heavy.join("gripper.xml"), model).unwrap();
+    let check = |how| run(&["hands", "check", heavy.to_str().unwrap(), "--no-picture", how]);
+    let text = String::from_utf8(check("--no-install").stdout).unwrap();
+    assert!(text.starts_with("look at mass: the hand weighs 30.1"), "{text}");
+    let report: Value = serde_json::from_slice(&check("--json").stdout).unwrap();
+    assert_eq!(report["symptoms"][0]["name"], "mass", "{report}");
 }
 
 /// Pads that stay farther apart than any object is wide.

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 
 use eigenhand_hands::{Hand, ImportOptions};
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_onboard::{Hints, NewHand, NewHandReport, OnboardError, Step, new_hand};
+use eigenhand_onboard::{Hints, NewHand, NewHandReport, OnboardError, Step, Symptom, new_hand};
 use eigenhand_sim::Setting;
 use tempfile::TempDir;
 
@@ -214,5 +214,9 @@ fn a_hand_that_cannot_grasp_is_told_with_the_likeliest_reason() {
         report.verdict()
     );
     assert!(report.likeliest_reason().is_some_and(|reason| reason.contains("--approach")), "{report:?}");
+    // Where the hand touches the objects and loses them, a fault of its model is the likeliest reason.
+    let symptoms = vec![Symptom { name: "weak servos", detail: "raise their force limit".to_owned() }];
+    let loses = NewHandReport { missed: 0, broken: Vec::new(), symptoms, ..report };
+    assert_eq!(loses.likeliest_reason().unwrap(), "weak servos: raise their force limit");
     assert!(!hand.manifest.scripted_grasps.unwrap().can_grasp());
 }
