@@ -59,6 +59,8 @@ pub struct MeshView<'a> {
     vertices: &'a [f32],
     /// Indices of the three vertices of each triangle.
     faces: &'a [i32],
+    /// The same for the triangles of the convex hull; empty if MuJoCo has not made one.
+    hull: &'a [i32],
 }
 
 impl<'a> MeshView<'a> {
@@ -69,12 +71,21 @@ impl<'a> MeshView<'a> {
 
     /// Lists the triangles by their corners. Leaves out triangles with the index of a missing vertex.
     pub fn triangles(self) -> impl Iterator<Item = [[f64; 3]; 3]> + 'a {
+        self.corners(self.faces)
+    }
+
+    /// Lists the triangles of the convex hull, with which the mesh collides. MuJoCo makes none for a mesh that only shows.
+    pub fn hull_triangles(self) -> impl Iterator<Item = [[f64; 3]; 3]> + 'a {
+        self.corners(self.hull)
+    }
+
+    fn corners(self, faces: &'a [i32]) -> impl Iterator<Item = [[f64; 3]; 3]> + 'a {
         let corner = move |index: i32| {
             let first = 3 * usize::try_from(index).ok()?;
             let [x, y, z] = *self.vertices.get(first..first + 3)?.first_chunk::<3>()?;
             Some([x, y, z].map(f64::from))
         };
-        self.faces.chunks_exact(3).filter_map(move |face| Some([corner(face[0])?, corner(face[1])?, corner(face[2])?]))
+        faces.chunks_exact(3).filter_map(move |face| Some([corner(face[0])?, corner(face[1])?, corner(face[2])?]))
     }
 }
 
@@ -128,7 +139,19 @@ impl Model {
         Some(MeshView {
             vertices: self.floats(raw.mesh_vert, 3 * raw.nmeshvert).get(part(raw.mesh_vertadr, raw.mesh_vertnum)?)?,
             faces: self.ints(raw.mesh_face, 3 * raw.nmeshface).get(part(raw.mesh_faceadr, raw.mesh_facenum)?)?,
+            hull: self.hull(mesh).unwrap_or_default(),
         })
+    }
+
+    /// Reads the faces of a mesh's convex hull from its graph, which MuJoCo documents with `mjModel.mesh_graph`: the numbers
+    /// of vertices and faces, then two numbers for each vertex, one for each of its edges, and three for each face.
+    fn hull(&self, mesh: usize) -> Option<&[i32]> {
+        let raw = self.get();
+        let first = usize::try_from(*self.ints(raw.mesh_graphadr, raw.nmesh).get(mesh)?).ok()?;
+        let graph = self.ints(raw.mesh_graph, raw.nmeshgraph).get(first..)?;
+        let (vertices, faces) = (usize::try_from(*graph.first()?).ok()?, usize::try_from(*graph.get(1)?).ok()?);
+        let start = 2 + 2 * vertices + (vertices + 3 * faces);
+        graph.get(start..start + 3 * faces)
     }
 
     /// Returns the part of `mesh_vert` that holds a geom's mesh; empty for a geom without one.

@@ -1,11 +1,13 @@
 //! Signs of a fault in a hand's model, each with what to change. A hand that shows one may still grasp.
 
-use eigenhand_hands::{FrameKind, Hand, Transmission};
+use eigenhand_hands::{Hand, Transmission};
 use eigenhand_mujoco::{BodyId, Data, Model};
 use eigenhand_sim::scene::MOUNT;
-use eigenhand_sim::{GraspTask, ObjectScene, Overlap, SelfContacts, SimError};
+use eigenhand_sim::{GraspTask, ObjectScene, Overlap, SelfContacts, SimError, fingertip_positions};
 use nalgebra::Vector3;
 use serde::Serialize;
+
+mod hulls;
 
 /// Distances in m from the palm within which the farthest fingertip of a hand lies.
 const REACH: [f64; 2] = [0.02, 0.5];
@@ -61,6 +63,7 @@ pub fn symptoms(hand: &Hand, task: &GraspTask) -> Result<Vec<Symptom>, SimError>
         ("mass", patient.mass()?),
         ("inertia", patient.inertia()?),
         ("links without collision geometry", patient.collision()?),
+        ("meshes filled by their hulls", patient.filled_meshes()),
         ("links inside each other", patient.overlaps()?),
         ("weak servos", patient.weak_servos()?),
         ("fingers close the same way", patient.opposition()?),
@@ -82,17 +85,6 @@ impl Patient<'_> {
         &self.scene.model
     }
 
-    fn fingertips(&self, data: &Data) -> Result<Vec<Vector3<f64>>, SimError> {
-        let model = self.model();
-        let place = |tip: &eigenhand_hands::Fingertip| {
-            Ok(match tip.kind {
-                FrameKind::Body => data.body_position(model.body(&tip.name)?),
-                FrameKind::Site => data.site_position(model.site(&tip.name)?),
-            })
-        };
-        self.hand.fingertips.iter().map(place).collect()
-    }
-
     /// Lists the bodies of the hand, without the mount that carries it.
     fn bodies(&self) -> Result<Vec<BodyId>, SimError> {
         let model = self.model();
@@ -102,7 +94,8 @@ impl Patient<'_> {
 
     fn size(&self) -> Result<Option<String>, SimError> {
         let palm = self.open.body_position(self.model().body(&self.hand.manifest.palm)?);
-        let reach = self.fingertips(&self.open)?.iter().map(|tip| (tip - palm).norm()).fold(0.0, f64::max);
+        let reach =
+            fingertip_positions(self.hand, &self.open)?.iter().map(|tip| (tip - palm).norm()).fold(0.0, f64::max);
         Ok((!(REACH[0]..=REACH[1]).contains(&reach)).then(|| {
             format!(
                 "the farthest fingertip is {reach:.3} m from the palm: if the file's lengths are not in m, scale its \
@@ -228,13 +221,13 @@ impl Patient<'_> {
     /// Compares the horizontal ways of the fingertips while the hand closes.
     fn opposition(&self) -> Result<Option<String>, SimError> {
         let mut data = self.task.open_hand(self.scene)?;
-        let before = self.fingertips(&data)?;
+        let before = fingertip_positions(self.hand, &data)?;
         let top = data.ctrl()[self.task.slide_action()];
         data.ctrl_mut().copy_from_slice(self.task.closed_controls());
         data.ctrl_mut()[self.task.slide_action()] = top;
         let steps = (CLOSING_TIME / self.task.physics.timestep).ceil() as usize;
         (0..steps).for_each(|_| data.step());
-        let ways = self.fingertips(&data)?;
+        let ways = fingertip_positions(self.hand, &data)?;
         let ways: Vec<Vector3<f64>> = ways
             .iter()
             .zip(&before)

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use eigenhand_hands::{Fingertip, FrameKind, Hand};
+use eigenhand_hands::Hand;
 use eigenhand_mujoco::Data;
-use eigenhand_sim::{GraspEnv, GraspTask, ObjectScene};
+use eigenhand_sim::{GraspEnv, GraspTask, ObjectScene, fingertip_positions};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -55,8 +55,8 @@ pub fn hand_with_objects(hand: &Hand, task: &Arc<GraspTask>) -> Result<Vec<Pictu
         let mut alone = task.open_hand(scene)?;
         let camera = FROM_BELOW.framing(&hand_points(hand, scene, &alone)?, ASPECT, FILLED);
         let mut open = tile(&alone, &camera);
-        for (tip, at) in hand.fingertips.iter().zip(fingertips(hand, &alone)?) {
-            if let Some([column, row]) = camera.pixel(at, TILE) {
+        for (tip, at) in hand.fingertips.iter().zip(fingertip_positions(hand, &alone)?) {
+            if let Some([column, row]) = camera.pixel(at.into(), TILE) {
                 open.write(&tip.name, [column as f32, row as f32]);
             }
         }
@@ -120,18 +120,6 @@ fn hand_points(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Vec<[f64
     if points.is_empty() {
         points = corners(scene.is_hand());
     }
-    points.extend(fingertips(hand, data)?);
+    points.extend(fingertip_positions(hand, data)?.into_iter().map(<[f64; 3]>::from));
     Ok(points)
-}
-
-/// Returns the places of the fingertips in m.
-fn fingertips(hand: &Hand, data: &Data) -> Result<Vec<[f64; 3]>, RenderError> {
-    let model = data.model();
-    let place = |tip: &Fingertip| -> Result<[f64; 3], RenderError> {
-        Ok(match tip.kind {
-            FrameKind::Body => data.body_position(model.body(&tip.name)?).into(),
-            FrameKind::Site => data.site_position(model.site(&tip.name)?).into(),
-        })
-    };
-    hand.fingertips.iter().map(place).collect()
 }

@@ -4,6 +4,7 @@
 pub mod contract;
 mod env;
 mod error;
+mod fingertips;
 mod inertia_box;
 mod objects;
 mod physics;
@@ -15,6 +16,7 @@ mod task;
 
 pub use env::{CLOSING_TIME, GraspEnv};
 pub use error::SimError;
+pub use fingertips::fingertip_positions;
 pub use objects::{ConvexMesh, Object, ObjectSet, Shape};
 pub use physics::{Cone, PhysicsConfig};
 pub use reward::{FAILURE, RewardConfig, SUCCESS, StepFacts};

@@ -55,13 +55,7 @@ impl JointMap {
         let q_mean: Vec<f64> = (0..n).map(|j| mean_of(&|row| postures[row].as_ref()[j])).collect();
         let z = Mat::from_fn(n_samples, k, |row, i| coefficients[row][i] - z_mean[i]);
         let q = Mat::from_fn(n_samples, n, |row, j| postures[row].as_ref()[j] - q_mean[j]);
-        let mut gram = z.transpose() * &z;
-        let ridge = RIDGE * (0..k).map(|i| gram[(i, i)]).sum::<f64>() / k as f64 + f64::MIN_POSITIVE;
-        for i in 0..k {
-            gram[(i, i)] += ridge;
-        }
-        let factors = gram.llt(faer::Side::Lower).map_err(|_| SynergyError::Decomposition { what: "joint map" })?;
-        let slopes = factors.solve(z.transpose() * &q);
+        let slopes = slopes(&z, &q)?;
         let matrix: Vec<Vec<f64>> = (0..k).map(|i| (0..n).map(|j| slopes[(i, j)]).collect()).collect();
         // The coefficients need not have the mean 0: the space can describe other samples.
         let at_zero = |j: usize| q_mean[j] - (0..k).map(|i| z_mean[i] * matrix[i][j]).sum::<f64>();
@@ -91,6 +85,18 @@ impl JointMap {
         let mut rows = self.matrix.iter().enumerate();
         rows.try_for_each(|(i, row)| check_numbers(&format!("joint_map.matrix[{i}]"), row, n))
     }
+}
+
+/// (coefficients: N x k, joint positions: N x n, both minus their means) => slopes of the least squares: k x n
+fn slopes(z: &Mat<f64>, q: &Mat<f64>) -> Result<Mat<f64>, SynergyError> {
+    let k = z.ncols();
+    let mut gram = z.transpose() * z;
+    let ridge = RIDGE * (0..k).map(|i| gram[(i, i)]).sum::<f64>() / k as f64 + f64::MIN_POSITIVE;
+    for i in 0..k {
+        gram[(i, i)] += ridge;
+    }
+    let factors = gram.llt(faer::Side::Lower).map_err(|_| SynergyError::Decomposition { what: "joint map" })?;
+    Ok(factors.solve(z.transpose() * q))
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ mod stl;
 mod triangles;
 
 pub(super) use changes::Changes;
-pub(super) use triangles::Mesh;
+pub(super) use triangles::{MAX_FACES, Mesh};
 
 /// The kinds of mesh that are read, and the way out for others.
 pub(super) const READABLE: &str = "an STL, OBJ or COLLADA (.dae) mesh (convert other kinds to STL with Blender or \

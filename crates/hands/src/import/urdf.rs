@@ -30,14 +30,14 @@ pub(super) fn convert(
     let joints = joints::read(&source, file, notes)?;
     let mimics = mimic::resolve(robot, &joints, file, notes)?;
     let groups = joints::groups(&tree, &joints);
-    let (geoms, assets) = geometry::read(robot, file, meshes::Meshes::new(file, options, within), notes)?;
-    let inertials = inertia::read(&source, &geoms, &groups, notes);
+    let geoms = geometry::read(robot, file, meshes::Meshes::new(file, options, within), notes)?;
+    let inertials = inertia::read(&source, &geoms.solid, &groups, notes);
     let parts = write::Parts { robot, tree: &tree, joints: &joints, geoms: &geoms, inertials: &inertials };
-    let model = parts.model(&groups, &mimics, &assets, notes);
+    let model = parts.model(&groups, &mimics, notes);
     let by_joint = |of: fn(&joints::Joint) -> Option<f64>| -> BTreeMap<String, f64> {
         let moving = robot.joints.iter().zip(&joints).filter(|(_, joint)| joint.motion != joints::Motion::Fixed);
         moving.filter_map(|(joint, read)| Some((joint.name.clone(), of(read)?))).collect()
     };
     let (efforts, velocities) = (by_joint(|joint| joint.effort), by_joint(|joint| joint.velocity));
-    Ok(Imported { model, assets, efforts, velocities, passive: Vec::new() })
+    Ok(Imported { model, assets: geoms.assets, efforts, velocities, passive: Vec::new() })
 }

@@ -377,8 +377,39 @@ fn geometry_is_taken_from_what_is_seen_only_where_nothing_touches() {
     assert!(has_note(&imported, &["no link has collision geometry"]));
     let visual = "<link name=\"tip\"><visual><geometry><sphere radius=\"1\"/></geometry></visual></link>";
     let imported = convert(&FINGER.replace("<link name=\"tip\"/>", visual));
-    assert_eq!(all(&imported.model, "geom").len(), 3);
+    let solid = all(&imported.model, "geom").into_iter().filter(|geom| geom.attributes["contype"] != "0");
+    assert_eq!(solid.count(), 3);
     assert!(has_note(&imported, &["touch nothing: tip"]));
+}
+
+#[test]
+fn what_only_shows_keeps_its_colour_and_touches_and_weighs_nothing() {
+    let visual = |inside: &str, material: &str| format!("<visual><geometry>{inside}</geometry>{material}</visual>");
+    let palm = visual("<mesh filename=\"looks.obj\"/>", "<material name=\"grey\"/>");
+    let distal = visual("<mesh filename=\"gone.stl\"/>", "")
+        + &visual("<box size=\"0.02 0.02 0.02\"/>", "<material name=\"red\"><color rgba=\"1 0 0 1\"/></material>");
+    let urdf = FINGER
+        .replace("<link name=\"palm\">", &format!("<link name=\"palm\">{palm}"))
+        .replace("<link name=\"distal\">", &format!("<link name=\"distal\">{distal}"));
+    let robot = Robot::new(&urdf);
+    robot.write("urdf/looks.obj", TETRAHEDRON.as_bytes());
+    let imported = robot.import().unwrap();
+    let geom = |link: &str, kind: &str| {
+        let mut own =
+            body(&imported, link).children.iter().filter_map(XMLNode::as_element).filter(|e| e.name == "geom");
+        own.find(|e| e.attributes["type"] == kind).unwrap().attributes.clone()
+    };
+    let looks = geom("palm", "mesh");
+    assert_eq!(
+        ["contype", "conaffinity", "group", "mass", "mesh", "rgba"].map(|key| looks[key].as_str()),
+        ["0", "0", "2", "0", "palm_visual_0", "0.5 0.5 0.5 1"]
+    );
+    assert_eq!(imported.assets.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["palm_visual_0.stl"]);
+    // MuJoCo's viewer hides what the looks cover, and only that.
+    assert_eq!(geom("palm", "box")["group"], "3");
+    assert!(!geom("proximal", "cylinder").contains_key("group"));
+    assert_eq!(geom("distal", "box")["rgba"], "1 0 0 1");
+    assert!(has_note(&imported, &["visual geometry", "left out", "distal"]));
 }
 
 /// A tetrahedron whose faces look outwards.

@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use eigenhand_hands::{FrameKind, Hand};
+use eigenhand_hands::Hand;
 use eigenhand_mujoco::Data;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use super::{Finding, SEED};
 use crate::task::tells_objects_apart;
-use crate::{GraspEnv, GraspTask, Object, SimError};
+use crate::{GraspEnv, GraspTask, Object, SimError, fingertip_positions};
 
 /// Number of episodes with each object.
 const ROUNDS: usize = 3;
@@ -96,14 +96,9 @@ impl RandomEpisodes {
     }
 
     fn see_tips(&mut self, hand: &Hand, data: &Data) -> Result<(), SimError> {
-        let model = data.model();
-        for tip in &hand.fingertips {
-            let height = match tip.kind {
-                FrameKind::Body => data.body_position(model.body(&tip.name)?).z,
-                FrameKind::Site => data.site_position(model.site(&tip.name)?).z,
-            };
-            if self.lowest_tip.as_ref().is_none_or(|(lowest, _)| height < *lowest) {
-                self.lowest_tip = Some((height, tip.name.clone()));
+        for (tip, at) in hand.fingertips.iter().zip(fingertip_positions(hand, data)?) {
+            if self.lowest_tip.as_ref().is_none_or(|(lowest, _)| at.z < *lowest) {
+                self.lowest_tip = Some((at.z, tip.name.clone()));
             }
         }
         Ok(())

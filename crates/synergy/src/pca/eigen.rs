@@ -41,10 +41,17 @@ pub(super) fn mean_and_covariance<P: AsRef<[f64]>>(postures: &[P], n_joints: usi
         *sum /= postures.len() as f64;
     }
     let centred = Mat::from_fn(n_joints, postures.len(), |joint, row| postures[row].as_ref()[joint] - mean[joint]);
-    let mut covariance = Mat::zeros(n_joints, n_joints);
-    let scale = 1.0 / (postures.len() - 1) as f64;
-    matmul(&mut covariance, Accum::Replace, &centred, centred.transpose(), scale, Par::Seq);
-    (mean, covariance)
+    (mean, covariance(&centred))
+}
+
+/// (samples minus their mean: n x N, N >= 2) => sample covariance: n x n
+///
+/// It is not generic, so that the callers of generic functions do not compile the product again.
+fn covariance(centred: &Mat<f64>) -> Mat<f64> {
+    let mut covariance = Mat::zeros(centred.nrows(), centred.nrows());
+    let scale = 1.0 / (centred.ncols() - 1) as f64;
+    matmul(&mut covariance, Accum::Replace, centred, centred.transpose(), scale, Par::Seq);
+    covariance
 }
 
 /// (eigenvalues, falling: n) => contribution rates of the first k

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::Mesh;
+use super::{MAX_FACES, Mesh};
 use crate::notes::note;
 
 /// Changes made to meshes, each with the names of the files.
@@ -21,7 +21,7 @@ impl Changes {
         if let Some(remark) = mesh.note.take() {
             self.remarks.entry(remark).or_default().push(base.to_owned());
         }
-        if mesh.simplify() {
+        if mesh.simplify(MAX_FACES) {
             self.simplified.push(base.to_owned());
         }
         let flat = mesh.is_flat();

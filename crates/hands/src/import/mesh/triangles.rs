@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use nalgebra::Vector3;
 
 /// Most faces that MuJoCo 2.2.2 reads from a mesh.
-const MAX_FACES: usize = 200_000;
+pub(in crate::import) const MAX_FACES: usize = 200_000;
 
 /// Thickness, as a part of its size, below which a mesh counts as flat: its convex hull would fail.
 const FLAT: f64 = 1e-4;
@@ -85,12 +85,12 @@ impl Mesh {
         Self { triangles, note: None }
     }
 
-    /// Merges vertices on ever coarser grids until MuJoCo accepts the mesh; returns true if any were merged.
-    pub(in crate::import) fn simplify(&mut self) -> bool {
+    /// Merges vertices on ever coarser grids until at most `faces` are left; returns true if any were merged.
+    pub(in crate::import) fn simplify(&mut self, faces: usize) -> bool {
         let mut cells = 512.0;
-        let simplified = self.triangles.len() > MAX_FACES;
+        let simplified = self.triangles.len() > faces;
         let (low, high) = self.bounds();
-        while self.triangles.len() > MAX_FACES {
+        while self.triangles.len() > faces {
             let cell = (high - low).max() / cells;
             self.merge_vertices(&low, cell);
             cells /= 2.0;

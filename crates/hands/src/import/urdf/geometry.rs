@@ -1,4 +1,4 @@
-//! Collision geometry of the links.
+//! Geometry of the links: what collides, and what only shows.
 
 use std::path::Path;
 
@@ -9,7 +9,11 @@ use super::finite::{finite, pose};
 use super::meshes::{Meshes, Shape};
 use crate::error::HandError;
 use crate::import::imported::Assets;
+use crate::import::mesh::MAX_FACES;
 use crate::notes::note;
+
+/// Most faces of a mesh that is only seen.
+const VISUAL_FACES: usize = 20_000;
 
 /// A geom in the terms of MJCF.
 #[derive(Debug, Clone)]
@@ -26,36 +30,91 @@ pub(super) struct Geom {
     pub(super) bounds: (Vector3<f64>, Vector3<f64>),
 }
 
-/// Reads the geoms of all links, in the order of the file, and their meshes.
+/// A geom that touches nothing and weighs nothing.
+#[derive(Debug, Clone)]
+pub(super) struct Visual {
+    pub(super) geom: Geom,
+    /// Red, green, blue and opacity from 0 to 1; none if the file states no colour.
+    pub(super) colour: Option<[f64; 4]>,
+}
+
+/// The geoms of all links, each in the order of the file.
+pub(super) struct Geoms {
+    /// What collides.
+    pub(super) solid: Vec<Vec<Geom>>,
+    /// What pictures show in place of what collides.
+    pub(super) visual: Vec<Vec<Visual>>,
+    /// Files of the meshes.
+    pub(super) assets: Assets,
+}
+
+/// Where a geom is described.
+struct Place<'a> {
+    file: &'a Path,
+    link: &'a str,
+    /// `collision` or `visual`.
+    element: &'a str,
+    /// Position among the link's elements of this kind.
+    index: usize,
+}
+
+/// Reads the geometry of all links. Visual geometry that cannot be read is left out, because it changes only pictures.
 pub(super) fn read(
     robot: &Robot,
     file: &Path,
     mut meshes: Meshes<'_>,
     notes: &mut Vec<String>,
-) -> Result<(Vec<Vec<Geom>>, Assets), HandError> {
-    let mut empty = Vec::new();
-    let mut geoms = Vec::with_capacity(robot.links.len());
+) -> Result<Geoms, HandError> {
+    let (mut empty, mut unseen) = (Vec::new(), Vec::new());
+    let mut solid = Vec::with_capacity(robot.links.len());
     for link in &robot.links {
         let mut of_link = Vec::new();
-        for (i, collision) in link.collision.iter().enumerate() {
-            let place = format!("link `{}` <collision>", link.name);
-            let at = pose(&collision.origin, &place, file)?;
-            let geom = match &collision.geometry {
-                Geometry::Mesh { filename, scale } => {
-                    let scale = finite(&scale.map_or([1.0; 3], |s| s.0), &format!("{place} <mesh scale>"), file)?;
-                    meshes.shape(filename, &scale.into(), &link.name, i)?.map(|shape| mesh_geom(shape, &at))
-                }
-                primitive => primitive_geom(primitive, &at, &place, file)?,
-            };
-            match geom {
+        for (index, collision) in link.collision.iter().enumerate() {
+            let place = Place { file, link: &link.name, element: "collision", index };
+            match place.geom(&collision.geometry, &collision.origin, &mut meshes, MAX_FACES)? {
                 Some(geom) => of_link.push(geom),
                 None => empty.push(link.name.as_str()),
             }
         }
-        geoms.push(of_link);
+        solid.push(of_link);
+    }
+    let mut visual = Vec::with_capacity(robot.links.len());
+    for link in &robot.links {
+        let mut of_link = Vec::new();
+        for (index, visual) in link.visual.iter().enumerate() {
+            let place = Place { file, link: &link.name, element: "visual", index };
+            let colour = visual.material.as_ref().and_then(|material| material.color.as_ref()).map(|c| c.rgba.0);
+            match place.geom(&visual.geometry, &visual.origin, &mut meshes, VISUAL_FACES) {
+                Ok(geom) => of_link.extend(geom.map(|geom| Visual { geom, colour })),
+                Err(_) => unseen.push(link.name.as_str()),
+            }
+        }
+        visual.push(of_link);
     }
     note(notes, "collision geometry of size zero was removed, at the links", &empty);
-    Ok((geoms, meshes.finish(notes)))
+    note(notes, "visual geometry that is missing or cannot be read was left out, at the links", &unseen);
+    Ok(Geoms { solid, visual, assets: meshes.finish(notes) })
+}
+
+impl Place<'_> {
+    /// Reads a geom; none if its size is zero.
+    fn geom(
+        &self,
+        geometry: &Geometry,
+        origin: &urdf_rs::Pose,
+        meshes: &mut Meshes<'_>,
+        faces: usize,
+    ) -> Result<Option<Geom>, HandError> {
+        let place = format!("link `{}` <{}>", self.link, self.element);
+        let at = pose(origin, &place, self.file)?;
+        let Geometry::Mesh { filename, scale } = geometry else {
+            return primitive_geom(geometry, &at, &place, self.file);
+        };
+        let scale = finite(&scale.map_or([1.0; 3], |s| s.0), &format!("{place} <mesh scale>"), self.file)?;
+        let kind = if self.element == "visual" { "_visual" } else { "" };
+        let stem = format!("{}{kind}_{}", self.link, self.index);
+        Ok(meshes.shape(filename, &scale.into(), self.link, &stem, faces)?.map(|shape| mesh_geom(shape, &at)))
+    }
 }
 
 fn mesh_geom(shape: Shape, at: &Isometry3<f64>) -> Geom {

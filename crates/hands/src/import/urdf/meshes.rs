@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 
 use crate::error::HandError;
 use crate::import::imported::{Assets, ImportOptions};
-use crate::import::mesh::{Changes, MIN_HALF, Mesh, READABLE};
+use crate::import::mesh::{Changes, MAX_FACES, MIN_HALF, Mesh, READABLE};
 use crate::manifest::MANIFEST_FILE;
 use crate::sources;
 
@@ -46,13 +46,15 @@ impl<'a> Meshes<'a> {
         }
     }
 
-    /// Reads the mesh of geometry `i` of `link`; none if its scale is zero.
+    /// Reads a mesh of `link`, and calls its file `stem`; none if its scale is zero. A mesh that was not read before keeps at
+    /// most `faces`.
     pub(super) fn shape(
         &mut self,
         name: &str,
         scale: &Vector3<f64>,
         link: &str,
-        i: usize,
+        stem: &str,
+        faces: usize,
     ) -> Result<Option<Shape>, HandError> {
         if scale.iter().all(|x| *x == 0.0) {
             return Ok(None);
@@ -76,12 +78,15 @@ impl<'a> Meshes<'a> {
         }
         let mut mesh = read(&path, link)?;
         mesh.scale(scale);
-        let shape = self.add(mesh, name, link, i);
+        if faces < MAX_FACES {
+            mesh.simplify(faces);
+        }
+        let shape = self.add(mesh, name, stem);
         self.shapes.insert(key, shape.clone());
         Ok(shape)
     }
 
-    fn add(&mut self, mut mesh: Mesh, name: &str, link: &str, i: usize) -> Option<Shape> {
+    fn add(&mut self, mut mesh: Mesh, name: &str, stem: &str) -> Option<Shape> {
         let base = name.rsplit(['/', '\\']).next().unwrap_or(name);
         let is_flat = self.changes.mend(&mut mesh, base);
         let (low, high) = mesh.bounds();
@@ -89,15 +94,15 @@ impl<'a> Meshes<'a> {
             let half = ((high - low) / 2.0).map(|x| x.max(MIN_HALF));
             return Some(Shape::Box { centre: (low + high) / 2.0, half });
         }
-        let file = self.name(link, i);
+        let file = self.name(stem);
         self.assets.push((file.clone(), mesh.to_stl()));
         Some(Shape::Asset { file, bounds: (low, high) })
     }
 
     /// Makes a distinct file name for an asset, also on file systems that ignore case.
-    fn name(&mut self, link: &str, i: usize) -> String {
+    fn name(&mut self, stem: &str) -> String {
         let safe = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
-        let stem = format!("{}_{i}", link.chars().map(safe).collect::<String>());
+        let stem: String = stem.chars().map(safe).collect();
         let mut name = format!("{stem}.stl");
         let mut count = 1;
         while !self.names.insert(name.to_lowercase()) {

@@ -1,13 +1,13 @@
 //! Reads the robot in the text of a URDF, which is first cleaned for a strict XML reader.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use xmltree::Element;
 
 use crate::error::HandError;
 use crate::notes::{latin_note, note};
-use crate::xml::{self, append, elements, first_tag, set};
+use crate::xml::{self, append, element, elements, first_tag, set};
 
 /// Facts about a joint's text that the URDF reader hides, because it fills in defaults.
 #[derive(Debug, Default)]
@@ -27,6 +27,9 @@ pub(super) struct Source {
     pub(super) has_inertial: Vec<bool>,
 }
 
+/// Name of the elements that only change the looks.
+const VISUAL: &str = "visual";
+
 /// The parts of a [`Source`] while they are gathered.
 struct Clean {
     robot: Element,
@@ -36,6 +39,8 @@ struct Clean {
     shape: &'static str,
     /// Links with visual but no collision geometry.
     ghosts: Vec<String>,
+    /// The materials of the whole file by name.
+    colours: BTreeMap<String, String>,
 }
 
 /// Reads the robot that `file` holds as `bytes`.
@@ -141,7 +146,7 @@ fn refuse_xacro_values(element: &Element, file: &Path) -> Result<(), HandError> 
 fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, HandError> {
     let links = || elements(root).filter(|e| e.name == "link");
     let holds = |name: &str| links().any(|link| link.get_child(name).is_some());
-    let visual = !holds("collision") && holds("visual");
+    let visual = !holds("collision") && holds(VISUAL);
     if visual {
         notes.push("no link has collision geometry; the visual geometry collides instead".to_owned());
     }
@@ -149,8 +154,9 @@ fn clean(root: &Element, file: &Path, notes: &mut Vec<String>) -> Result<Clean, 
         robot: copy(root),
         stated: Vec::new(),
         has_inertial: Vec::new(),
-        shape: if visual { "visual" } else { "collision" },
+        shape: if visual { VISUAL } else { "collision" },
         ghosts: Vec::new(),
+        colours: colours(root),
     };
     for child in elements(root) {
         match child.name.as_str() {
@@ -192,11 +198,30 @@ impl Clean {
         for shape in elements(link).filter(|e| e.name == self.shape) {
             append(&mut clean, clean_shape(shape, &name, file)?);
         }
-        if link.get_child("visual").is_some() && link.get_child(self.shape).is_none() {
+        if self.shape != VISUAL {
+            for shape in elements(link).filter(|e| e.name == VISUAL) {
+                // Looks that cannot be read leave the hand as it is.
+                if let Ok(mut visual) = clean_shape(shape, &name, file) {
+                    visual.name = VISUAL.to_owned();
+                    if let Some(colour) = shape.get_child("material").and_then(|material| self.colour(material)) {
+                        let mut material = element("material", &[("name", "colour".to_owned())]);
+                        append(&mut material, element("color", &[("rgba", colour)]));
+                        append(&mut visual, material);
+                    }
+                    append(&mut clean, visual);
+                }
+            }
+        }
+        if link.get_child(VISUAL).is_some() && link.get_child(self.shape).is_none() {
             self.ghosts.push(name);
         }
         append(&mut self.robot, clean);
         Ok(())
+    }
+
+    /// Returns the colour of a material, which may be defined elsewhere in the file.
+    fn colour(&self, material: &Element) -> Option<String> {
+        stated_colour(material).or_else(|| self.colours.get(material.attributes.get("name")?).cloned())
     }
 
     fn add_joint(&mut self, joint: &Element, file: &Path) -> Result<(), HandError> {
@@ -205,6 +230,20 @@ impl Clean {
         self.stated.push(stated);
         Ok(())
     }
+}
+
+/// Returns the materials of a file that state a colour, by name.
+fn colours(root: &Element) -> BTreeMap<String, String> {
+    let of_links = elements(root).filter(|e| e.name == "link").flat_map(elements).filter(|e| e.name == VISUAL);
+    let materials = elements(root).chain(of_links.flat_map(elements)).filter(|e| e.name == "material");
+    materials.filter_map(|e| Some((e.attributes.get("name")?.clone(), stated_colour(e)?))).collect()
+}
+
+/// Returns the `rgba` of a material, if it is four numbers from 0 to 1.
+fn stated_colour(material: &Element) -> Option<String> {
+    let rgba = material.get_child("color")?.attributes.get("rgba")?;
+    let numbers: Vec<f64> = rgba.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
+    (numbers.len() == 4 && numbers.iter().all(|x| (0.0..=1.0).contains(x))).then(|| rgba.clone())
 }
 
 /// Returns a clean `<inertial>` if it holds a mass and a whole tensor.

@@ -6,39 +6,37 @@ use nalgebra::{Isometry3, Vector3};
 use urdf_rs::Robot;
 use xmltree::Element;
 
-use super::geometry::Geom;
+use super::geometry::{Geom, Geoms, Visual};
 use super::inertia::Inertial;
 use super::joints::{Joint, Motion};
 use super::mimic::Mimic;
 use super::tree::Tree;
-use crate::import::imported::Assets;
 use crate::xml::{append, append_section, element, numbers, set};
 
 /// Name that MuJoCo reserves.
 const WORLD: &str = "world";
+
+/// Groups of geoms that show and of geoms that collide: MuJoCo's viewer shows groups 0 to 2.
+const VISUAL_GROUP: &str = "2";
+const SOLID_GROUP: &str = "3";
 
 /// The parts of the bodies, by the indices of the robot's links and joints.
 pub(super) struct Parts<'a> {
     pub(super) robot: &'a Robot,
     pub(super) tree: &'a Tree,
     pub(super) joints: &'a [Joint],
-    pub(super) geoms: &'a [Vec<Geom>],
+    pub(super) geoms: &'a Geoms,
     pub(super) inertials: &'a [Option<Inertial>],
 }
 
 impl Parts<'_> {
     /// Writes the whole model.
-    pub(super) fn model(
-        &self,
-        groups: &[usize],
-        mimics: &[Mimic],
-        assets: &Assets,
-        notes: &mut Vec<String>,
-    ) -> Element {
+    pub(super) fn model(&self, groups: &[usize], mimics: &[Mimic], notes: &mut Vec<String>) -> Element {
         let names = self.body_names(notes);
         let mut model = element("mujoco", &[("model", self.robot.name.clone())]);
         append(&mut model, element("compiler", &[("angle", "radian".to_owned())]));
-        let meshes = assets.iter().map(|(file, _)| element("mesh", &[("name", stem(file)), ("file", file.clone())]));
+        let meshes =
+            self.geoms.assets.iter().map(|(file, _)| element("mesh", &[("name", stem(file)), ("file", file.clone())]));
         append_section(&mut model, "asset", meshes);
         // The root comes first in the order.
         let bodies = self.tree.order.first().map(|&root| self.body(root, &names));
@@ -78,13 +76,17 @@ impl Parts<'_> {
             set(&mut of_body, "mass", inertial.mass.to_string());
             set(&mut of_body, "diaginertia", vector(&inertial.moments));
             append(&mut body, of_body);
-        } else if !self.geoms[link].is_empty() {
+        } else if !(self.geoms.solid[link].is_empty() && self.geoms.visual[link].is_empty()) {
             // Without it, MuJoCo would look for a centre of mass among geoms without mass.
             let nothing = [("pos", "0 0 0"), ("mass", "0"), ("diaginertia", "0 0 0")];
             append(&mut body, element("inertial", &nothing.map(|(key, value)| (key, value.to_owned()))));
         }
-        for geom in &self.geoms[link] {
-            append(&mut body, geom_element(geom));
+        let shown = &self.geoms.visual[link];
+        for geom in &self.geoms.solid[link] {
+            append(&mut body, solid_element(geom, !shown.is_empty()));
+        }
+        for visual in shown {
+            append(&mut body, visual_element(visual));
         }
         for &child in &self.tree.children[link] {
             append(&mut body, self.body(child, names));
@@ -98,7 +100,7 @@ impl Parts<'_> {
     /// connected; such a group often separates two joints with crossing axes.
     fn excludes(&self, groups: &[usize], names: &[String]) -> Vec<Element> {
         let mut solid: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        for &link in self.tree.order.iter().filter(|&&link| !self.geoms[link].is_empty()) {
+        for &link in self.tree.order.iter().filter(|&&link| !self.geoms.solid[link].is_empty()) {
             solid.entry(groups[link]).or_default().push(link);
         }
         let above = |group: usize| {
@@ -160,10 +162,30 @@ fn geom_element(geom: &Geom) -> Element {
         set(&mut element, "mesh", stem(file));
     }
     place(&mut element, &geom.pose);
-    set(&mut element, "contype", "1");
-    set(&mut element, "conaffinity", "1");
     // All mass comes from the file's inertias; without this, MuJoCo would add the geom's own.
     set(&mut element, "mass", "0");
+    element
+}
+
+/// Writes a geom that collides; a link with visual geoms shows those instead.
+fn solid_element(geom: &Geom, hidden: bool) -> Element {
+    let mut element = geom_element(geom);
+    set(&mut element, "contype", "1");
+    set(&mut element, "conaffinity", "1");
+    if hidden {
+        set(&mut element, "group", SOLID_GROUP);
+    }
+    element
+}
+
+fn visual_element(visual: &Visual) -> Element {
+    let mut element = geom_element(&visual.geom);
+    set(&mut element, "contype", "0");
+    set(&mut element, "conaffinity", "0");
+    set(&mut element, "group", VISUAL_GROUP);
+    if let Some(colour) = &visual.colour {
+        set(&mut element, "rgba", numbers(colour));
+    }
     element
 }
 
