@@ -17,6 +17,7 @@ mod render;
 mod report;
 mod reproduce;
 pub mod setup;
+mod synergy;
 mod train;
 
 use std::process::ExitCode;
@@ -42,6 +43,7 @@ pub enum Command {
     Report(report::Args),
     Export(export::Args),
     Render(render::Args),
+    Synergy(synergy::Args),
     Hands(hands::Args),
     Bench(bench::Args),
     Doctor(doctor::Args),
@@ -60,6 +62,7 @@ impl Command {
             Command::Report(args) => report::run(args),
             Command::Export(args) => export::run(args),
             Command::Render(args) => render::run(args),
+            Command::Synergy(args) => synergy::run(args),
             Command::Hands(args) => hands::run(args),
             Command::Bench(args) => bench::run(args),
             Command::Doctor(args) => doctor::run(args),

@@ -15,6 +15,9 @@ use tempfile::TempDir;
 #[allow(dead_code)]
 mod gripper;
 
+#[path = "commands/synergy.rs"]
+mod synergy;
+
 /// Settings with which a run passes through every stage in a second or two.
 const TINY: [&str; 11] = [
     "training.warmup_episodes=6",

@@ -10,6 +10,7 @@ mod actuation;
 mod additions;
 mod compiled;
 mod error;
+mod fingers;
 mod hand;
 mod import;
 mod load;

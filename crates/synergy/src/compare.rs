@@ -24,6 +24,11 @@ pub fn principal_angles(a: &Synergy, b: &Synergy) -> Result<Vec<f64>, SynergyErr
     let (large, small) = if a.n_components() < b.n_components() { (b, a) } else { (a, b) };
     let large = MatRef::from_row_major_slice(large.components(), large.n_components(), large.n_joints());
     let small = MatRef::from_row_major_slice(small.components(), small.n_components(), small.n_joints());
+    angles_between(large, small)
+}
+
+/// (orthonormal rows: k x n, orthonormal rows: m x n, m <= k) => principal angles in rad, rising: m
+pub(crate) fn angles_between(large: MatRef<'_, f64>, small: MatRef<'_, f64>) -> Result<Vec<f64>, SynergyError> {
     let overlap: Mat<f64> = small * large.transpose();
     let mut outside = small.to_owned();
     faer::linalg::matmul::matmul(&mut outside, faer::Accum::Add, &overlap, large, -1.0, Par::Seq);

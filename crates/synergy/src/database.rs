@@ -106,6 +106,11 @@ impl PostureDatabase {
         &self.joints
     }
 
+    /// Returns the actuators, in the order of a command's numbers.
+    pub fn actuators(&self) -> &[JointInfo] {
+        &self.actuators
+    }
+
     /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path

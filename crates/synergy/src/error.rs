@@ -20,6 +20,19 @@ pub enum SynergyError {
         /// The joints to which they were compared.
         got: String,
     },
+    /// Two spaces without a joint that both move.
+    #[error(
+        "the spaces have no joint in common that both move: a joint counts if it has the same name and unit in both. The first \
+         has {}; the second has {}",
+        list(first),
+        list(second)
+    )]
+    NothingInCommon {
+        /// Names of the joints that only the first space has.
+        first: Vec<String>,
+        /// Names of the joints that only the second space has.
+        second: Vec<String>,
+    },
     /// A posture of the wrong length.
     #[error("posture {row} has {got} numbers; expected {expected}, one for each joint")]
     PostureLength {
@@ -135,6 +148,15 @@ pub enum SynergyError {
         /// The first foreign entry.
         found: String,
     },
+}
+
+fn list(names: &[String]) -> String {
+    const SHOWN: usize = 6;
+    match names.len() {
+        0 => "no other joint".to_owned(),
+        n if n > SHOWN => format!("{} and {} more", names[..SHOWN].join(", "), n - SHOWN),
+        _ => names.join(", "),
+    }
 }
 
 impl SynergyError {

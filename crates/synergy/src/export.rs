@@ -103,6 +103,22 @@ pub fn import(dir: impl AsRef<Path>) -> Result<Import, SynergyError> {
     Ok(Import { file, samples })
 }
 
+/// Reads a table of float64 numbers from an NPY file, N x n.
+///
+/// # Errors
+/// A file that cannot be read, is no NPY file in C order, or has another number of dimensions.
+pub fn read_matrix(path: impl AsRef<Path>) -> Result<Vec<Vec<f64>>, SynergyError> {
+    let path = path.as_ref();
+    let (shape, values) = read_npy(path)?;
+    match shape[..] {
+        [_, n] if n > 0 => Ok(values.chunks_exact(n).map(<[f64]>::to_vec).collect()),
+        _ => {
+            let got = format!("{shape:?}");
+            Err(SynergyError::invalid("shape of the array", "two dimensions, N x n", got).in_file(path))
+        }
+    }
+}
+
 fn read_npy(path: &Path) -> Result<(Vec<usize>, Vec<f64>), SynergyError> {
     let bytes = std::fs::read(path).map_err(SynergyError::io("read", path))?;
     npy::from_bytes(&bytes).map_err(SynergyError::io("decode", path))

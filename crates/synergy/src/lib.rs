@@ -26,6 +26,7 @@
 
 mod actuation;
 mod atomic;
+mod common;
 mod compare;
 mod content;
 #[cfg(feature = "database")]
@@ -39,13 +40,14 @@ mod npy;
 mod pca;
 mod projector;
 
+pub use common::{Compared, Comparison, Explained};
 pub use compare::{cumulative_explained_variance, principal_angles};
 pub use content::Content;
 #[cfg(feature = "database")]
 pub use database::{MotionRecord, PostureDatabase, PostureRecord, Source};
 pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 pub use error::SynergyError;
-pub use export::{Import, export, import};
+pub use export::{Import, export, import, read_matrix};
 pub use file::{Moment, NamedGrasp, Recommended, SCHEMA, Space, SynergyFile};
 pub use joint_map::JointMap;
 pub use pca::{Synergy, newest};

@@ -88,6 +88,18 @@ impl Synergy {
         Ok(synergy)
     }
 
+    /// Returns the space of the first `k` components, at least one and at most all. It keeps the eigenvalues of all joints.
+    pub fn first(&self, k: usize) -> Synergy {
+        let k = k.clamp(1, self.n_components());
+        let mut first = self.clone();
+        first.components.truncate(k * self.n_joints());
+        first.contribution.truncate(k);
+        first.coefficient_min.truncate(k);
+        first.coefficient_max.truncate(k);
+        first.projector = Projector::new(&first.mean, &first.components);
+        first
+    }
+
     /// Widens the ranges of the coefficients so that they include those of further postures.
     ///
     /// # Panics

@@ -20,9 +20,9 @@ use crate::task::actuation_map;
 pub(crate) const POLICY: &str = "policy.safetensors";
 pub(crate) const POLICY_TEXT: &str = "policy.toml";
 /// Directory of the control synergy.
-pub(crate) const SYNERGY: &str = "synergy";
+pub const SYNERGY: &str = "synergy";
 /// Directory of the synergy of end postures.
-const POSTURE_SYNERGY: &str = "synergy-postures";
+pub const POSTURE_SYNERGY: &str = "synergy-postures";
 const SCENES: &str = "scenes";
 const REFERENCE: &str = "reference.json";
 
