@@ -8,7 +8,7 @@ use crate::source;
 use crate::support::workspace;
 
 /// Every crate, with the crates of this workspace on which it may depend for any purpose.
-const ALLOWED: [(&str, &[&str]); 15] = [
+const ALLOWED: [(&str, &[&str]); 16] = [
     ("eigenhand-hand-abi", &[]),
     ("eigenhand-files", &[]),
     ("eigenhand-font", &[]),
@@ -47,9 +47,14 @@ const ALLOWED: [(&str, &[&str]); 15] = [
     ),
     ("eigenhand-report", &["eigenhand-files", "eigenhand-font", "eigenhand-synergy", "eigenhand-train"]),
     (
+        "eigenhand-explore",
+        &["eigenhand-hands", "eigenhand-mujoco", "eigenhand-render", "eigenhand-sim", "eigenhand-synergy"],
+    ),
+    (
         "eigenhand-cli",
         &[
             "eigenhand-bench",
+            "eigenhand-explore",
             "eigenhand-files",
             "eigenhand-hands",
             "eigenhand-mujoco",

@@ -8,6 +8,7 @@ mod bench;
 mod bundled;
 mod doctor;
 mod eval;
+mod explore;
 mod export;
 mod hands;
 pub mod output;
@@ -43,6 +44,7 @@ pub enum Command {
     Report(report::Args),
     Export(export::Args),
     Render(render::Args),
+    Explore(explore::Args),
     Synergy(synergy::Args),
     Hands(hands::Args),
     Bench(bench::Args),
@@ -62,6 +64,7 @@ impl Command {
             Command::Report(args) => report::run(args),
             Command::Export(args) => export::run(args),
             Command::Render(args) => render::run(args),
+            Command::Explore(args) => explore::run(args),
             Command::Synergy(args) => synergy::run(args),
             Command::Hands(args) => hands::run(args),
             Command::Bench(args) => bench::run(args),

@@ -9,7 +9,8 @@ mod fit;
 mod samples;
 mod show;
 mod source;
-mod words;
+
+pub(crate) use source::{Source, SpaceName};
 
 /// Shows, compares and fits synergies
 #[derive(clap::Args)]

@@ -188,6 +188,11 @@ impl Model {
         self.ints(self.get().geom_bodyid, self.get().ngeom).iter().map(|&body| below[body as usize]).collect()
     }
 
+    /// Returns the body that carries a site.
+    pub fn site_body(&self, id: SiteId) -> BodyId {
+        BodyId(self.ints(self.get().site_bodyid, self.get().nsite)[id.0] as usize)
+    }
+
     /// Returns a body's own mass in kg.
     pub fn body_mass(&self, id: BodyId) -> f64 {
         self.numbers(self.get().body_mass, self.get().nbody)[id.0]

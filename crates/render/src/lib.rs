@@ -20,6 +20,7 @@ pub use error::RenderError;
 pub use geoms::{bounding_corners, drawn_geoms};
 pub use hand::{COLUMNS, grasp, hand_with_objects, postures};
 pub use picture::Picture;
+pub use shapes::{SurfacePoint, Triangle, surface};
 
 #[cfg(test)]
 mod tests;

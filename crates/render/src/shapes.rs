@@ -13,10 +13,13 @@ const RINGS: usize = 8;
 /// A point of a surface with its normal, whose length need not be 1.
 #[derive(Clone, Copy, Debug)]
 pub struct SurfacePoint {
+    /// Place in m.
     pub position: Vector3<f64>,
+    /// Outward direction.
     pub normal: Vector3<f64>,
 }
 
+/// A triangle by its corners, counter-clockwise seen from outside.
 pub type Triangle = [SurfacePoint; 3];
 
 /// Returns a geom's surface in the world; a plane and a height field have none.

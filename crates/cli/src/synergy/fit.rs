@@ -5,6 +5,7 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 use anyhow::{Context, bail};
+use eigenhand_explore::Words;
 use eigenhand_hands::{Hand, is_hand_name};
 use eigenhand_synergy::{JointMap, Space, Synergy, SynergyFile, export};
 use eigenhand_train::{hand_named, read_provenance};
@@ -12,7 +13,6 @@ use serde::Serialize;
 
 use super::samples::{Map, Samples, Wanted};
 use super::source::SpaceName;
-use super::words::Words;
 use crate::output::{Outcome, percent, print, print_json};
 use crate::{program, search_path};
 

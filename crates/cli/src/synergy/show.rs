@@ -2,11 +2,11 @@
 
 use std::path::PathBuf;
 
+use eigenhand_explore::Words;
 use eigenhand_hands::Registry;
 use serde::Serialize;
 
 use super::source::{Source, SpaceName};
-use super::words::Words;
 use crate::output::{Outcome, percent, print, print_json, table_left};
 use crate::search_path;
 

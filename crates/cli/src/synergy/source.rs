@@ -11,7 +11,7 @@ const FILE: &str = "synergy.toml";
 
 /// The spaces that a run has.
 #[derive(Clone, Copy, clap::ValueEnum)]
-pub(super) enum SpaceName {
+pub(crate) enum SpaceName {
     /// The control synergy: commands along whole grasps
     Commands,
     /// The synergy of end postures
@@ -19,7 +19,7 @@ pub(super) enum SpaceName {
 }
 
 impl SpaceName {
-    pub(super) fn of(self) -> Space {
+    pub(crate) fn of(self) -> Space {
         match self {
             SpaceName::Commands => Space::Commands,
             SpaceName::Postures => Space::Postures,
@@ -35,17 +35,17 @@ impl SpaceName {
 }
 
 /// A synergy as it was read.
-pub(super) struct Source {
+pub(crate) struct Source {
     /// The path that the user gave.
-    pub(super) path: PathBuf,
-    pub(super) file: SynergyFile,
+    pub(crate) path: PathBuf,
+    pub(crate) file: SynergyFile,
     /// The samples to which it was fitted, if they lie beside it.
-    pub(super) samples: Option<Vec<Vec<f64>>>,
+    pub(crate) samples: Option<Vec<Vec<f64>>>,
 }
 
 impl Source {
     /// Reads the synergy at `path`: a file, its directory, or a run or an export, which hold one for each space.
-    pub(super) fn read(path: &Path, space: SpaceName) -> anyhow::Result<Source> {
+    pub(crate) fn read(path: &Path, space: SpaceName) -> anyhow::Result<Source> {
         let (file, samples) = if path.is_file() {
             (SynergyFile::read(path)?, None)
         } else if path.join(FILE).is_file() {
@@ -66,7 +66,7 @@ impl Source {
     }
 
     /// Returns what one sample is.
-    pub(super) fn sample(&self) -> &'static str {
+    pub(crate) fn sample(&self) -> &'static str {
         match self.file.space {
             Space::Commands => "command",
             Space::Postures => "posture",
@@ -74,7 +74,7 @@ impl Source {
     }
 
     /// Says what the synergy is, in one line.
-    pub(super) fn title(&self) -> String {
+    pub(crate) fn title(&self) -> String {
         let (kind, coordinates) = match self.file.space {
             Space::Commands => ("control synergy", "actuators"),
             Space::Postures => ("synergy of end postures", "joints"),

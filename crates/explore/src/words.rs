@@ -10,8 +10,8 @@ const TAKES_PART: f64 = 0.1;
 /// A finger closes or opens if this share of its squared loadings does so.
 const CLEARLY: f64 = 0.75;
 
-/// What is known of the coordinates of a space: actuators or joints.
-pub(super) struct Words {
+/// What a hand says of the coordinates of a space: actuators or joints.
+pub struct Words {
     /// Names of the fingers, as their tips are called.
     fingers: Vec<String>,
     /// For each coordinate: its finger.
@@ -22,7 +22,7 @@ pub(super) struct Words {
 
 impl Words {
     /// Reads what a hand says of the coordinates of a space.
-    pub(super) fn of(hand: &Hand, space: Space) -> Words {
+    pub fn of(hand: &Hand, space: Space) -> Words {
         let joints = hand.finger_joints();
         let finger_of = |joint: &str| joints.iter().position(|own| own.iter().any(|name| name == joint));
         let (mut finger, mut closing) = (BTreeMap::new(), BTreeMap::new());
@@ -60,12 +60,12 @@ impl Words {
     }
 
     /// Tells whether a coordinate belongs to one finger.
-    pub(super) fn is_of_finger(&self, name: &str) -> bool {
+    pub fn is_of_finger(&self, name: &str) -> bool {
         self.finger.contains_key(name)
     }
 
     /// Says what happens to the hand while the component's number rises.
-    pub(super) fn sentence(&self, names: &[&str], loadings: &[f64]) -> String {
+    pub fn sentence(&self, names: &[&str], loadings: &[f64]) -> String {
         let total: f64 = loadings.iter().map(|x| x * x).sum();
         let mut parts: BTreeMap<&str, Vec<String>> = BTreeMap::new();
         for (i, finger) in self.fingers.iter().enumerate() {

@@ -1,0 +1,101 @@
+//! `eigenhand explore`
+
+use std::io::IsTerminal;
+use std::path::PathBuf;
+
+use anyhow::{Context, bail};
+use eigenhand_explore::page;
+use eigenhand_files::write_atomically;
+use eigenhand_mujoco::MuJoCo;
+use eigenhand_sim::GraspTask;
+use eigenhand_train::config::RunConfig;
+use eigenhand_train::{FinishedRun, hand_named, is_run};
+use serde::Serialize;
+
+use crate::output::{Outcome, print, print_json};
+use crate::synergy::{Source, SpaceName};
+use crate::{search_path, setup};
+
+/// Default name of the page, in the run directory or else in the working directory.
+const PAGE: &str = "explore.html";
+
+/// Writes a page in which sliders move the hand along its synergy
+#[derive(clap::Args)]
+#[command(
+    after_help = "The page needs no network and no server: it is one file that any browser opens. It shows the hand in 3D,\n\
+                        a slider for each number, the mean grasps of a run, and the joint angles and commands to copy.\n\n\
+                        Examples:\n  eigenhand explore runs/shadow-quick-l1-s1-1\n  \
+                        eigenhand explore --synergy synergies/shadow --hand shadow --out shadow.html"
+)]
+pub struct Args {
+    /// Run directory
+    #[arg(required_unless_present = "synergy", conflicts_with = "synergy")]
+    run: Option<PathBuf>,
+    /// A synergy without a run: an export, a directory with synergy.toml, or such a file
+    #[arg(long, value_name = "SOURCE")]
+    synergy: Option<PathBuf>,
+    /// Hand of --synergy, by name or directory [default: the hand that the synergy names]
+    #[arg(long, value_name = "NAME", requires = "synergy")]
+    hand: Option<String>,
+    /// Which space of a run
+    #[arg(long, value_enum, default_value = "commands")]
+    space: SpaceName,
+    /// The page; an older one is replaced [default: explore.html, in the run directory if there is one]
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Does not open the page in a browser
+    #[arg(long)]
+    no_open: bool,
+    /// Additional directory of hands; can be given several times
+    #[arg(long, value_name = "DIR")]
+    plugins: Vec<PathBuf>,
+    /// Prints one JSON document on standard output, and opens nothing
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    install: setup::InstallArgs,
+}
+
+#[derive(Serialize)]
+struct Report<'a> {
+    page: &'a PathBuf,
+    bytes: usize,
+}
+
+/// Runs the command.
+pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    let hands = search_path(&args.plugins);
+    let (text, out) = match (&args.run, &args.synergy) {
+        (Some(run), _) => {
+            if !is_run(run) {
+                bail!("{} is no run directory; for a synergy without a run, use --synergy", run.display());
+            }
+            let source = Source::read(run, args.space)?;
+            let finished = setup::with_mujoco(&args.install, || FinishedRun::open(run, &hands, &[]))?;
+            (page(&finished.hand, &finished.task, &source.file, &source.title())?, run.join(PAGE))
+        }
+        (None, Some(path)) => {
+            let source = Source::read(path, args.space)?;
+            let hand = hand_named(args.hand.as_ref().unwrap_or(&source.file.hand), &hands)?;
+            let mujoco = setup::with_mujoco(&args.install, MuJoCo::load)?;
+            let task = GraspTask::new(&mujoco, &hand, &RunConfig::default_preset()?.setting())?;
+            (page(&hand, &task, &source.file, &source.title())?, PathBuf::from(PAGE))
+        }
+        (None, None) => bail!("expected a run directory or --synergy"),
+    };
+    let out = args.out.clone().unwrap_or(out);
+    write_atomically(&out, text.as_bytes())?;
+    if args.json {
+        print_json(&Report { page: &out, bytes: text.len() })?;
+        return Ok(Outcome::Done);
+    }
+    print(&format!("{}\n", out.display()))?;
+    if !args.no_open && std::io::stdout().is_terminal() && has_display() {
+        open::that_detached(&out).with_context(|| format!("no browser opened; open {} yourself", out.display()))?;
+    }
+    Ok(Outcome::Done)
+}
+
+fn has_display() -> bool {
+    cfg!(target_os = "macos") || ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some())
+}

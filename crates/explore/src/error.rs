@@ -1,0 +1,34 @@
+//! The errors of this crate.
+
+use eigenhand_mujoco::MuJoCoError;
+use eigenhand_sim::SimError;
+
+/// Errors of pages.
+#[derive(Debug, thiserror::Error)]
+pub enum ExploreError {
+    /// The simulator.
+    #[error(transparent)]
+    MuJoCo(#[from] MuJoCoError),
+    /// The task whose scene shows the hand.
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// A synergy of another hand.
+    #[error(
+        "the hand {hand} has no {name}, which the synergy names: give the hand to which the synergy was fitted, in the same \
+         version"
+    )]
+    OtherHand {
+        /// The hand.
+        hand: String,
+        /// A joint or an actuator of the synergy.
+        name: String,
+    },
+    /// A synergy that does not say where the joints are.
+    #[error(
+        "the synergy has no joint map, so its numbers do not tell where the joints are; fit it to a run's commands"
+    )]
+    NoJointMap,
+    /// The hand's data cannot be written.
+    #[error("cannot write the page's data: {0}")]
+    Data(#[from] serde_json::Error),
+}

@@ -1,0 +1,131 @@
+//! One HTML page without other files.
+
+use eigenhand_hands::Hand;
+use eigenhand_sim::GraspTask;
+use eigenhand_sim::scene::MOUNT;
+use eigenhand_synergy::{JointInfo, NamedGrasp, Space, SynergyFile};
+use serde::Serialize;
+
+use crate::error::ExploreError;
+use crate::surfaces::{Part, Surface, Tip, parts, surfaces, tips};
+use crate::words::Words;
+
+const HTML: &str = include_str!("page/page.html");
+const CSS: &str = include_str!("page/page.css");
+const JS: &str = include_str!("page/page.js");
+
+/// What the page computes with.
+#[derive(Serialize)]
+struct Content<'a> {
+    title: &'a str,
+    hand: &'a str,
+    space: Space,
+    numbers: Vec<Number>,
+    recommended: Option<usize>,
+    /// q = mean + z matrix, clamped.
+    joints: Affine<'a>,
+    /// u = mean + z matrix, clamped; none for a synergy of postures.
+    commands: Option<Affine<'a>>,
+    grasps: &'a [NamedGrasp],
+    parts: Vec<Part>,
+    /// Index of the palm among the parts.
+    palm: Option<usize>,
+    surfaces: Vec<Surface>,
+    tips: Vec<Tip>,
+}
+
+#[derive(Serialize)]
+struct Number {
+    least: f64,
+    greatest: f64,
+    /// Share of the variance.
+    share: f64,
+    words: String,
+}
+
+#[derive(Serialize)]
+struct Affine<'a> {
+    names: Vec<&'a str>,
+    units: Vec<&'static str>,
+    /// A limit that does not exist is absent.
+    lower: Vec<Option<f64>>,
+    upper: Vec<Option<f64>>,
+    mean: &'a [f64],
+    matrix: Vec<&'a [f64]>,
+}
+
+impl<'a> Affine<'a> {
+    fn of(coordinates: &'a [JointInfo], mean: &'a [f64], matrix: Vec<&'a [f64]>) -> Affine<'a> {
+        let finite = |limit: f64| limit.is_finite().then_some(limit);
+        Affine {
+            names: coordinates.iter().map(|joint| joint.name.as_str()).collect(),
+            units: coordinates.iter().map(|joint| joint.unit.symbol()).collect(),
+            lower: coordinates.iter().map(|joint| finite(joint.lower)).collect(),
+            upper: coordinates.iter().map(|joint| finite(joint.upper)).collect(),
+            mean,
+            matrix,
+        }
+    }
+}
+
+/// Returns a page that shows how the numbers of a synergy move a hand. `title` says what the synergy is.
+///
+/// # Errors
+/// [`ExploreError::OtherHand`], [`ExploreError::NoJointMap`] for a space of commands without one, those of
+/// [`GraspTask::open_hand`].
+pub fn page(hand: &Hand, task: &GraspTask, file: &SynergyFile, title: &str) -> Result<String, ExploreError> {
+    let synergy = &file.synergy;
+    let rows = || (0..synergy.n_components()).map(|i| synergy.component(i)).collect::<Vec<_>>();
+    let own = Affine::of(synergy.joints(), synergy.mean(), rows());
+    let (joints, commands) = match (file.space, &file.joint_map) {
+        (Space::Postures, _) => (own, None),
+        (Space::Commands, None) => return Err(ExploreError::NoJointMap),
+        (Space::Commands, Some(map)) => {
+            let rows = map.matrix.iter().map(Vec::as_slice).collect();
+            (Affine::of(&map.joints, &map.mean, rows), Some(own))
+        }
+    };
+    let slide = &hand.manifest.slide.name;
+    let unknown = joints.names.iter().find(|name| **name != slide && hand.joint(name).is_none());
+    if let Some(name) = unknown {
+        return Err(ExploreError::OtherHand { hand: hand.manifest.name.clone(), name: (*name).to_owned() });
+    }
+    let scene = task.scenes.first().ok_or(ExploreError::NoJointMap)?;
+    let data = task.open_hand(scene)?;
+    let palm = data.model().body(&hand.manifest.palm)?;
+    let names: Vec<String> = joints.names.iter().map(|name| (*name).to_owned()).collect();
+    let (bodies, parts) = parts(&data, data.model().body(MOUNT)?, &names, slide);
+    let words = Words::of(hand, file.space);
+    let coordinates: Vec<&str> = synergy.joints().iter().map(|joint| joint.name.as_str()).collect();
+    let number = |i: usize| Number {
+        least: synergy.coefficient_min()[i],
+        greatest: synergy.coefficient_max()[i],
+        share: synergy.contribution()[i],
+        words: words.sentence(&coordinates, synergy.component(i)),
+    };
+    let content = Content {
+        title,
+        hand: &hand.manifest.name,
+        space: file.space,
+        numbers: (0..synergy.n_components()).map(number).collect(),
+        recommended: file.recommended.as_ref().map(|recommended| recommended.components),
+        joints,
+        commands,
+        grasps: &file.grasps,
+        palm: bodies.iter().position(|body| *body == palm),
+        surfaces: surfaces(&data, &bodies),
+        tips: tips(hand, &data, &bodies)?,
+        parts,
+    };
+    // Inside a script element, only its end has a meaning.
+    let json = serde_json::to_string(&content)?.replace("</", "<\\/");
+    Ok(HTML
+        .replace("{{title}}", &escaped(title))
+        .replace("{{css}}", CSS)
+        .replace("{{js}}", JS)
+        .replace("{{data}}", &json))
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
