@@ -82,7 +82,7 @@ const MARK: &str = "**Invariant:**";
 /// A sentence of ARCHITECTURE.md after its mark, and the check that enforces it.
 type Invariant = (&'static str, fn(&Graph));
 
-const INVARIANTS: [Invariant; 15] = [
+const INVARIANTS: [Invariant; 16] = [
     ("`hand-abi` depends on nothing.", |g| {
         assert_eq!(g.all("eigenhand-hand-abi"), BTreeSet::new());
     }),
@@ -106,6 +106,9 @@ const INVARIANTS: [Invariant; 15] = [
     }),
     ("`onboard` needs no learner.", |g| {
         g.lacks("eigenhand-onboard", &["eigenhand-rl", "eigenhand-synergy", "eigenhand-train"]);
+    }),
+    ("`explore` does not know of learning.", |g| {
+        g.lacks("eigenhand-explore", &["eigenhand-rl", "eigenhand-train"]);
     }),
     ("`rl` does not know of MuJoCo, hands or grasping.", |g| {
         g.lacks("eigenhand-rl", &["eigenhand-hands", "eigenhand-mujoco", "eigenhand-sim", "libloading", "xmltree"]);

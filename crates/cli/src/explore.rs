@@ -37,9 +37,9 @@ pub struct Args {
     /// Hand of --synergy, by name or directory [default: the hand that the synergy names]
     #[arg(long, value_name = "NAME", requires = "synergy")]
     hand: Option<String>,
-    /// Which space of a run
-    #[arg(long, value_enum, default_value = "commands")]
-    space: SpaceName,
+    /// Which synergy of a run [default: commands]
+    #[arg(long, value_enum)]
+    space: Option<SpaceName>,
     /// The page; an older one is replaced [default: explore.html, in the run directory if there is one]
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -76,7 +76,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         }
         (None, Some(path)) => {
             let source = Source::read(path, args.space)?;
-            let hand = hand_named(args.hand.as_ref().unwrap_or(&source.file.hand), &hands)?;
+            let hand = hand_named(args.hand.as_ref().unwrap_or(&source.file.hand), &hands)
+                .context("the page needs the synergy's hand; --hand takes its name or its directory")?;
             let mujoco = setup::with_mujoco(&args.install, MuJoCo::load)?;
             let task = GraspTask::new(&mujoco, &hand, &RunConfig::default_preset()?.setting())?;
             (page(&hand, &task, &source.file, &source.title())?, PathBuf::from(PAGE))
@@ -84,12 +85,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         (None, None) => bail!("expected a run directory or --synergy"),
     };
     let out = args.out.clone().unwrap_or(out);
+    if out.is_dir() {
+        bail!("{} is a directory: give the page's file, such as {}", out.display(), out.join(PAGE).display());
+    }
     write_atomically(&out, text.as_bytes())?;
     if args.json {
         print_json(&Report { page: &out, bytes: text.len() })?;
         return Ok(Outcome::Done);
     }
-    print(&format!("{}\n", out.display()))?;
+    print(&format!("{} ({:.1} MB)\n", out.display(), text.len() as f64 / 1e6))?;
     if !args.no_open && std::io::stdout().is_terminal() && has_display() {
         open::that_detached(&out).with_context(|| format!("no browser opened; open {} yourself", out.display()))?;
     }

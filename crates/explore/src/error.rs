@@ -28,6 +28,9 @@ pub enum ExploreError {
         "the synergy has no joint map, so its numbers do not tell where the joints are; fit it to a run's commands"
     )]
     NoJointMap,
+    /// A task without objects, and so without a scene.
+    #[error("the task has no object, so there is no scene that shows the hand; give it an object")]
+    NoScene,
     /// The hand's data cannot be written.
     #[error("cannot write the page's data: {0}")]
     Data(#[from] serde_json::Error),

@@ -90,7 +90,7 @@ pub fn page(hand: &Hand, task: &GraspTask, file: &SynergyFile, title: &str) -> R
     if let Some(name) = unknown {
         return Err(ExploreError::OtherHand { hand: hand.manifest.name.clone(), name: (*name).to_owned() });
     }
-    let scene = task.scenes.first().ok_or(ExploreError::NoJointMap)?;
+    let scene = task.scenes.first().ok_or(ExploreError::NoScene)?;
     let data = task.open_hand(scene)?;
     let palm = data.model().body(&hand.manifest.palm)?;
     let names: Vec<String> = joints.names.iter().map(|name| (*name).to_owned()).collect();
@@ -117,13 +117,20 @@ pub fn page(hand: &Hand, task: &GraspTask, file: &SynergyFile, title: &str) -> R
         tips: tips(hand, &data, &bodies)?,
         parts,
     };
-    // Inside a script element, only its end has a meaning.
-    let json = serde_json::to_string(&content)?.replace("</", "<\\/");
-    Ok(HTML
-        .replace("{{title}}", &escaped(title))
-        .replace("{{css}}", CSS)
-        .replace("{{js}}", JS)
-        .replace("{{data}}", &json))
+    // Inside a script element, `<` can begin its end or a comment.
+    let json = serde_json::to_string(&content)?.replace('<', "\\u003c");
+    Ok(filled(&[("title", &escaped(title)), ("css", CSS), ("js", JS), ("data", &json)]))
+}
+
+/// Fills the placeholders of the page; what is filled in is not searched for placeholders.
+fn filled(values: &[(&str, &str)]) -> String {
+    let mut page = String::new();
+    for (i, part) in HTML.split("{{").enumerate() {
+        let (name, rest) = if i == 0 { ("", part) } else { part.split_once("}}").unwrap_or(("", part)) };
+        page.push_str(values.iter().find(|(known, _)| *known == name).map_or("", |(_, value)| value));
+        page.push_str(rest);
+    }
+    page
 }
 
 fn escaped(text: &str) -> String {

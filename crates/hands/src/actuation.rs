@@ -1,6 +1,6 @@
 //! The map from a posture to the actuator commands that hold it.
 
-use eigenhand_posture::ActuationMap;
+use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 
 use crate::hand::Hand;
 use crate::parts::{HandActuator, Transmission};
@@ -35,6 +35,18 @@ impl Hand {
             map.control_max.push(actuator.ctrlrange.1);
         }
         map
+    }
+
+    /// Returns the coordinates of a command: the hand's actuators, without the slide's. The unit is that of the first joint of
+    /// the posture on which an actuator acts, otherwise rad.
+    pub fn command_coordinates(&self) -> Vec<JointInfo> {
+        let map = self.actuation();
+        let coordinate = |i: usize| {
+            let joint = map.matrix[i].iter().position(|weight| *weight != 0.0);
+            let unit = joint.map_or(Unit::Radian, |joint| self.posture[joint].unit);
+            JointInfo { name: map.actuators[i].clone(), unit, lower: map.control_min[i], upper: map.control_max[i] }
+        };
+        (1..map.actuators.len()).map(coordinate).collect()
     }
 
     /// Returns the row and the offset of an actuator; none where it holds no position.

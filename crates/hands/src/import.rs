@@ -71,7 +71,9 @@ pub(crate) fn read_urdf(
         (PathBuf::from(&manifest.model), bytes),
     ]);
     let files = contents.keys().cloned().collect();
-    contents.extend(imported.assets.iter().map(|(name, bytes)| (PathBuf::from(name), bytes.clone())));
+    // What only pictures show is no part of the hand that learned.
+    let touching = imported.assets.iter().take(imported.assets.len() - imported.looks);
+    contents.extend(touching.map(|(name, bytes)| (PathBuf::from(name), bytes.clone())));
     let sources = Sources { model: imported.model, files, digest: sources::digest(&contents) };
     Ok((sources, imported.assets))
 }

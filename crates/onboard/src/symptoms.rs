@@ -118,8 +118,10 @@ impl Patient<'_> {
         for body in self.bodies()? {
             let mass = model.body_mass(body);
             let trace: f64 = model.principal_inertia(body).iter().sum();
-            let geoms = model.geoms().filter(|&geom| model.geom_body(geom) == body);
-            let points: Vec<Vector3<f64>> = geoms
+            let own: Vec<_> = model.geoms().filter(|&geom| model.geom_body(geom) == body).collect();
+            let solid = own.iter().copied().filter(|&geom| model.geom_collides(geom)).collect::<Vec<_>>();
+            let points: Vec<Vector3<f64>> = if solid.is_empty() { own } else { solid }
+                .into_iter()
                 .flat_map(|geom| SIX_WAYS.map(|way| self.open.farthest_point(geom, &Vector3::from(way))))
                 .collect();
             if mass <= 0.0 || points.is_empty() {

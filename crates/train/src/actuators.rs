@@ -3,7 +3,7 @@
 use eigenhand_hands::Hand;
 use eigenhand_rl::ActionMap;
 use eigenhand_sim::GraspTask;
-use eigenhand_synergy::{JointInfo, Synergy, Unit};
+use eigenhand_synergy::{JointInfo, Synergy};
 
 use crate::error::TrainError;
 
@@ -28,11 +28,9 @@ impl HandActuators {
         let actuation = hand.actuation();
         let slide = task.slide_action();
         let actions: Vec<usize> = (0..task.action_len()).filter(|&i| i != slide).collect();
-        let coordinate = |&i: &usize| {
-            let joint = actuation.matrix[i].iter().position(|weight| *weight != 0.0);
+        let coordinate = |(&i, coordinate): (&usize, JointInfo)| {
             let (lower, upper) = task.control_ranges[i];
-            let unit = joint.map_or(Unit::Radian, |joint| task.posture_joints[joint].unit);
-            JointInfo { name: task.actuators[i].clone(), unit, lower, upper }
+            JointInfo { lower, upper, ..coordinate }
         };
         let holding = |&i: &usize| {
             let (row, offset) = (&actuation.matrix[i], actuation.offset[i]);
@@ -40,7 +38,7 @@ impl HandActuators {
         };
         let is_slide = |i: usize| task.posture_joints[i].name == hand.manifest.slide.name;
         HandActuators {
-            coordinates: actions.iter().map(coordinate).collect(),
+            coordinates: actions.iter().zip(hand.command_coordinates()).map(coordinate).collect(),
             holding: actions.iter().map(holding).collect(),
             actions,
             n_actions: task.action_len(),
@@ -172,6 +170,8 @@ impl HandActuators {
 
 #[cfg(test)]
 pub(crate) mod tests {
+    use eigenhand_synergy::Unit;
+
     use super::*;
 
     /// Three actuators with ranges of their own; the slide has the second action. The hand has the second joint of two, and

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
+use anyhow::bail;
 use eigenhand_synergy::{Compared, Comparison};
 use serde::Serialize;
 
-use super::source::{Source, SpaceName};
+use super::source::{Source, SpaceName, kind_of};
 use crate::output::{Outcome, percent, print, print_json, table};
 
 /// Joints that only one synergy has are named up to this many.
@@ -19,9 +20,9 @@ pub(super) struct Args {
     /// The second synergy
     #[arg(value_name = "SOURCE")]
     b: PathBuf,
-    /// Which space of runs
-    #[arg(long, value_enum, default_value = "commands")]
-    space: SpaceName,
+    /// Which synergy of runs [default: commands]
+    #[arg(long, value_enum)]
+    space: Option<SpaceName>,
     /// Number of components of each that count, beginning with the first [default: all]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     components: Option<u64>,
@@ -40,6 +41,16 @@ struct Report<'a> {
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let sources = [Source::read(&args.a, args.space)?, Source::read(&args.b, args.space)?];
+    let [a, b] = [&sources[0], &sources[1]].map(|source| source.file.space);
+    if a != b {
+        bail!(
+            "{} is a {}, {} a {}: compare two of one kind; --space chooses that of runs",
+            args.a.display(),
+            kind_of(a),
+            args.b.display(),
+            kind_of(b)
+        );
+    }
     let first = |source: &Source| {
         let most = args.components.map_or(usize::MAX, |k| usize::try_from(k).unwrap_or(usize::MAX));
         source.file.synergy.first(most)

@@ -6,12 +6,12 @@ use std::path::PathBuf;
 
 use anyhow::{Context, bail};
 use eigenhand_explore::Words;
-use eigenhand_hands::{Hand, is_hand_name};
+use eigenhand_hands::Hand;
 use eigenhand_synergy::{JointMap, Space, Synergy, SynergyFile, export};
-use eigenhand_train::{hand_named, read_provenance};
+use eigenhand_train::{hand_named, is_run, read_config, read_provenance};
 use serde::Serialize;
 
-use super::samples::{Map, Samples, Wanted};
+use super::samples::{Map, Samples, Wanted, is_table};
 use super::source::SpaceName;
 use crate::output::{Outcome, percent, print, print_json};
 use crate::{program, search_path};
@@ -29,9 +29,9 @@ pub(super) struct Args {
     /// Directory to write: new, empty, or an earlier synergy
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What the samples are
-    #[arg(long, value_enum, default_value = "commands")]
-    space: SpaceName,
+    /// What the samples are [default: commands; tables do not tell, so they need it]
+    #[arg(long, value_enum)]
+    space: Option<SpaceName>,
     /// Hand of a table, which gives names and limits [default: the hand of the run; none for tables]
     #[arg(long, value_name = "NAME")]
     hand: Option<String>,
@@ -50,7 +50,7 @@ pub(super) struct Args {
     /// As few components as express this share of the variance, such as 0.9
     #[arg(long, value_name = "SHARE", value_parser = share)]
     variance: Option<f64>,
-    /// How samples are weighed: equally, or so that each object counts the same
+    /// Whether all samples count, or equally many of each object
     #[arg(long, value_enum, default_value = "equal")]
     weights: Weights,
     /// File that gives columns of a table other names, factors and offsets
@@ -93,19 +93,27 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
-    let space = args.space.of();
+    let space = space_of(args)?;
+    if args.out.parent().is_some_and(is_run) {
+        bail!("{} is part of a run, which keeps its own synergy: choose another directory", args.out.display());
+    }
     let map = args.map.as_deref().map(Map::read).transpose()?.unwrap_or_default();
-    let name = match &args.hand {
-        Some(name) => Some(name.clone()),
-        None => hand_of_runs(&args.sources)?,
-    };
-    // A run's own database has names and limits, so its hand may be gone.
-    let hand = name.as_deref().map(|name| hand_named(name, &search_path(&args.plugins)));
-    let hand = if args.hand.is_some() { hand.transpose()? } else { hand.and_then(Result::ok) };
+    let of_runs = hand_of_runs(&args.sources)?;
+    let hand = hand(args, of_runs.as_ref());
+    if args.hand.is_some()
+        && let Err(error) = hand
+    {
+        return Err(error);
+    }
+    if let (Ok(hand), Some(OfRuns { name, .. })) = (&hand, &of_runs)
+        && hand.manifest.name != *name
+    {
+        bail!("the runs are of the hand {name}, and --hand names {}; leave --hand out", hand.manifest.name);
+    }
     let wanted =
-        Wanted { space, objects: &args.object, episodes: args.episodes.clone(), hand: hand.as_ref(), map: &map };
+        Wanted { space, objects: &args.object, episodes: args.episodes.clone(), hand: hand.as_ref().ok(), map: &map };
     let mut samples = Samples::read(&args.sources, &wanted)?;
-    choose_joints(&mut samples, args, hand.as_ref())?;
+    choose_joints(&mut samples, args, space, &hand)?;
     if args.weights == Weights::PerObject {
         samples.balance()?;
     }
@@ -121,11 +129,18 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     };
     let listed = args.sources.iter().map(|source| source.display().to_string()).collect::<Vec<_>>().join(", ");
     let file = SynergyFile {
-        hand: name.filter(|name| is_hand_name(name)).unwrap_or_else(|| "unknown".to_owned()),
+        hand: match (&hand, of_runs) {
+            (Ok(hand), _) => hand.manifest.name.clone(),
+            (Err(_), Some(OfRuns { name, .. })) => name,
+            (Err(_), None) => "unknown".to_owned(),
+        },
         space,
         synergy,
         joint_map,
-        actuation: None,
+        actuation: hand
+            .ok()
+            .filter(|hand| space == Space::Postures && hand.posture == samples.coordinates)
+            .map(|h| h.actuation()),
         recommended: None,
         grasps: Vec::new(),
         provenance: provenance(args, listed),
@@ -155,32 +170,64 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Returns what the samples are. A table does not tell.
+fn space_of(args: &Args) -> anyhow::Result<Space> {
+    match (args.space, args.sources.iter().find(|source| is_table(source))) {
+        (Some(space), _) => Ok(space.of()),
+        (None, None) => Ok(Space::Commands),
+        (None, Some(table)) => {
+            bail!("{} does not tell what its rows are: add --space postures or --space commands", table.display())
+        }
+    }
+}
+
+/// The hand of runs.
+struct OfRuns {
+    name: String,
+    /// As the run was told: a name or a directory.
+    given: String,
+}
+
 /// Returns the hand of the runs among the sources, which must be one.
-fn hand_of_runs(sources: &[PathBuf]) -> anyhow::Result<Option<String>> {
-    let mut found: Option<(String, &PathBuf)> = None;
+fn hand_of_runs(sources: &[PathBuf]) -> anyhow::Result<Option<OfRuns>> {
+    let mut found: Option<(OfRuns, &PathBuf)> = None;
     for run in sources.iter().filter(|source| source.is_dir()) {
-        let hand = read_provenance(run)?.hand;
+        if !is_run(run) {
+            bail!("{} is no run directory: give runs, their postures.sqlite, or tables (CSV, NPY)", run.display());
+        }
+        let name = read_provenance(run)?.hand;
         match &found {
-            Some((known, first)) if *known != hand => {
-                bail!("{} is of the hand {known}, {} of {hand}; fit one hand at a time", first.display(), run.display())
+            Some((known, first)) if known.name != name => {
+                let known = &known.name;
+                bail!("{} is of the hand {known}, {} of {name}; fit one hand at a time", first.display(), run.display())
             }
             Some(_) => {}
-            None => found = Some((hand, run)),
+            None => found = Some((OfRuns { name, given: read_config(run)?.hand }, run)),
         }
     }
     Ok(found.map(|(hand, _)| hand))
 }
 
-fn choose_joints(samples: &mut Samples, args: &Args, hand: Option<&Hand>) -> anyhow::Result<()> {
-    let needed = || format!("--joints {} needs the hand: name it with --hand", args.joints);
+/// Loads the hand that the user named, or else that of the runs. A run's database has names and limits of its own, so the
+/// hand of runs may be gone.
+fn hand(args: &Args, of_runs: Option<&OfRuns>) -> anyhow::Result<Hand> {
+    let name = args.hand.as_ref().or(of_runs.map(|hand| &hand.given)).context("name it with --hand")?;
+    Ok(hand_named(name, &search_path(&args.plugins))?)
+}
+
+fn choose_joints(samples: &mut Samples, args: &Args, space: Space, hand: &anyhow::Result<Hand>) -> anyhow::Result<()> {
+    let needed = || match hand {
+        Ok(hand) => Ok(hand),
+        Err(error) => bail!("--joints {} needs the hand: {error:#}", args.joints),
+    };
     match args.joints.as_str() {
         "all" => {}
         "hand" => {
-            let slide = &hand.with_context(needed)?.manifest.slide.name;
+            let slide = &needed()?.manifest.slide.name;
             samples.select(|name| name != slide);
         }
         "fingers" => {
-            let words = Words::of(hand.with_context(needed)?, args.space.of());
+            let words = Words::of(needed()?, space);
             samples.select(|name| words.is_of_finger(name));
         }
         names => {

@@ -1,6 +1,6 @@
 //! The samples to which `synergy fit` fits a space: of runs, of databases, and of tables.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
@@ -41,6 +41,9 @@ pub(super) struct Wanted<'a> {
     pub(super) map: &'a Map,
 }
 
+/// A column may leave a joint's limits by this share of their range, and by this much (rad or m): sensors are not exact.
+const BEYOND: [f64; 2] = [0.2, 0.05];
+
 /// How the columns of a table become coordinates.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -61,6 +64,9 @@ struct Column {
     /// Added after the factor.
     #[serde(default)]
     offset: f64,
+    /// Whether the column is no coordinate, such as a time.
+    #[serde(default)]
+    drop: bool,
 }
 
 fn one() -> f64 {
@@ -84,16 +90,21 @@ impl Samples {
     /// Reads sources with the same coordinates and puts their samples together.
     pub(super) fn read(sources: &[PathBuf], wanted: &Wanted<'_>) -> anyhow::Result<Samples> {
         let mut all: Option<Samples> = None;
+        let mut seen = Seen::default();
         for source in sources {
-            let next = of_source(source, wanted)?;
+            let next = of_source(source, wanted, &mut seen)?;
+            if next.rows.is_empty() {
+                eprintln!("note: {} has no sample that counts", source.display());
+            }
             match &mut all {
                 None => all = Some(next),
                 Some(all) => all.append(next).with_context(|| format!("{} does not fit", source.display()))?,
             }
         }
         let all = all.context("expected at least one source")?;
+        seen.check(wanted)?;
         if all.rows.is_empty() {
-            bail!("no sample is left: check --object and --episodes, and that the runs had successes");
+            bail!("no sample is left: runs need successes, --episodes has to hold some of them, and tables need rows");
         }
         Ok(all)
     }
@@ -101,11 +112,11 @@ impl Samples {
     fn append(&mut self, other: Samples) -> anyhow::Result<()> {
         let names = |joints: &[JointInfo]| joints.iter().map(|j| (j.name.clone(), j.unit)).collect::<Vec<_>>();
         let (own, others) = (names(&self.coordinates), names(&other.coordinates));
-        if let Some((name, _)) = own.iter().find(|name| !others.contains(name)) {
-            bail!("it has no {name}, which the first source has; all sources need the same joints");
+        if let Some((name, unit)) = own.iter().find(|name| !others.contains(name)) {
+            bail!("it has no {name} in {unit}, which the first source has; all sources need the same joints");
         }
-        if let Some((name, _)) = others.iter().find(|name| !own.contains(name)) {
-            bail!("it has {name}, which the first source lacks; all sources need the same joints");
+        if let Some((name, unit)) = others.iter().find(|name| !own.contains(name)) {
+            bail!("it has {name} in {unit}, which the first source lacks; all sources need the same joints");
         }
         let order: Vec<usize> = own.iter().filter_map(|name| others.iter().position(|other| other == name)).collect();
         if names(&self.joints) != names(&other.joints) {
@@ -144,27 +155,61 @@ impl Samples {
     }
 }
 
-fn of_source(source: &Path, wanted: &Wanted<'_>) -> anyhow::Result<Samples> {
-    let kind = source.extension().and_then(|kind| kind.to_str()).unwrap_or_default().to_lowercase();
+/// What the sources have of what the user asks for.
+#[derive(Default)]
+struct Seen {
+    objects: BTreeSet<String>,
+    columns: BTreeSet<String>,
+}
+
+impl Seen {
+    /// Refuses a name that no source has, which is a slip.
+    fn check(&self, wanted: &Wanted<'_>) -> anyhow::Result<()> {
+        let list = |names: &BTreeSet<String>| names.iter().cloned().collect::<Vec<_>>().join(", ");
+        if let Some(object) = wanted.objects.iter().find(|object| !self.objects.contains(*object)) {
+            bail!("--object {object}: no source has it; they have {}", list(&self.objects));
+        }
+        match wanted.map.columns.keys().find(|column| !self.columns.contains(*column)) {
+            Some(_) if self.columns.is_empty() => bail!("--map changes tables, and no source is one"),
+            Some(column) => {
+                bail!("--map: no table has the column {column}; they have {}", list(&self.columns))
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+fn kind_of(source: &Path) -> String {
+    source.extension().and_then(|kind| kind.to_str()).unwrap_or_default().to_lowercase()
+}
+
+/// Tells whether a source is a table of samples, which knows neither space nor objects.
+pub(super) fn is_table(source: &Path) -> bool {
+    !source.is_dir() && ["csv", "npy"].contains(&kind_of(source).as_str())
+}
+
+fn of_source(source: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Result<Samples> {
+    let kind = kind_of(source);
     let filtered = !wanted.objects.is_empty() || wanted.episodes.is_some();
     match kind.as_str() {
-        _ if source.is_dir() => of_database(&source.join(DATABASE), wanted),
+        _ if source.is_dir() => of_database(&source.join(DATABASE), wanted, seen),
         "csv" | "npy" if filtered => bail!(
             "{} does not say which object or episode a row is of; --object and --episodes need a run or its {DATABASE}",
             source.display()
         ),
-        "csv" => of_table(&csv(source)?, source, wanted),
+        "csv" => of_table(&csv(source)?, source, wanted, seen),
         "npy" => {
             let rows = read_matrix(source)?;
-            of_table(&(Vec::new(), rows), source, wanted)
+            of_table(&(Vec::new(), rows), source, wanted, seen)
         }
-        _ => of_database(source, wanted),
+        _ => of_database(source, wanted, seen),
     }
 }
 
-fn of_database(path: &Path, wanted: &Wanted<'_>) -> anyhow::Result<Samples> {
+fn of_database(path: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Result<Samples> {
     let database = PostureDatabase::open_existing(path)?;
-    let is_wanted = |object: &str, episode: u64| {
+    let mut is_wanted = |object: &str, episode: u64| {
+        seen.objects.insert(object.to_owned());
         (wanted.objects.is_empty() || wanted.objects.iter().any(|name| name == object))
             && wanted.episodes.as_ref().is_none_or(|episodes| episodes.contains(&episode))
     };
@@ -199,7 +244,8 @@ type Table = (Vec<String>, Vec<Vec<f64>>);
 
 fn csv(path: &Path) -> anyhow::Result<Table> {
     let mut reader = csv::Reader::from_path(path).with_context(|| format!("cannot read {}", path.display()))?;
-    let names: Vec<String> = reader.headers()?.iter().map(|name| name.trim().to_owned()).collect();
+    let headers = reader.headers().with_context(|| format!("{} is no table", path.display()))?;
+    let names: Vec<String> = headers.iter().map(|name| name.trim().to_owned()).collect();
     if names.iter().all(|name| name.parse::<f64>().is_ok()) {
         bail!("{} has no header: its first line must name the joints", path.display());
     }
@@ -219,18 +265,11 @@ fn csv(path: &Path) -> anyhow::Result<Table> {
 }
 
 /// Without names, the columns are the coordinates of the hand in their order.
-fn of_table((names, rows): &Table, path: &Path, wanted: &Wanted<'_>) -> anyhow::Result<Samples> {
+fn of_table((names, rows): &Table, path: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Result<Samples> {
     let known: Vec<JointInfo> = match (wanted.hand, wanted.space) {
         (None, _) => Vec::new(),
         (Some(hand), Space::Postures) => hand.posture.clone(),
-        (Some(hand), Space::Commands) => hand
-            .actuators
-            .iter()
-            .map(|actuator| {
-                let (lower, upper) = actuator.ctrlrange;
-                JointInfo { name: actuator.name.clone(), unit: Unit::Radian, lower, upper }
-            })
-            .collect(),
+        (Some(hand), Space::Commands) => hand.command_coordinates(),
     };
     let names: Vec<String> = match (names.is_empty(), wanted.hand) {
         (false, _) => names.clone(),
@@ -248,29 +287,51 @@ fn of_table((names, rows): &Table, path: &Path, wanted: &Wanted<'_>) -> anyhow::
             names.join(", ")
         );
     }
+    seen.columns.extend(names.iter().cloned());
     let mut coordinates = Vec::new();
-    let mut changes = Vec::new();
-    for name in &names {
+    let mut columns: Vec<(usize, f64, f64)> = Vec::new();
+    for (i, name) in names.iter().enumerate() {
         let column = wanted.map.columns.get(name);
+        if column.is_some_and(|column| column.drop) {
+            continue;
+        }
         let target = column.and_then(|column| column.joint.clone()).unwrap_or_else(|| name.clone());
         let info = known.iter().find(|joint| joint.name == target).cloned();
         if info.is_none() && wanted.hand.is_some() {
             bail!(
-                "{}: the hand has no joint {target}; give the column another name with --map, or leave --hand out. Its joints: {}",
+                "{}: the hand has no joint {target}; --map gives a column another name, or drops it. The hand's joints: {}",
                 path.display(),
                 known.iter().map(|joint| joint.name.as_str()).collect::<Vec<_>>().join(", ")
             );
         }
         let unlimited = JointInfo { name: target, unit: Unit::Radian, lower: f64::NEG_INFINITY, upper: f64::INFINITY };
         coordinates.push(info.unwrap_or(unlimited));
-        changes.push(column.map_or((1.0, 0.0), |column| (column.factor, column.offset)));
+        let (factor, offset) = column.map_or((1.0, 0.0), |column| (column.factor, column.offset));
+        columns.push((i, factor, offset));
     }
     let sample = |row: &Vec<f64>| Sample {
-        values: row.iter().zip(&changes).map(|(x, (factor, offset))| factor * x + offset).collect(),
+        values: columns.iter().map(|&(i, factor, offset)| factor * row[i] + offset).collect(),
         object: String::new(),
         posture: Vec::new(),
     };
-    Ok(Samples { coordinates, rows: rows.iter().map(sample).collect(), joints: Vec::new() })
+    let rows: Vec<Sample> = rows.iter().map(sample).collect();
+    for (j, joint) in coordinates.iter().enumerate() {
+        let room = BEYOND[0] * (joint.upper - joint.lower) + BEYOND[1];
+        let outside = |row: &&Sample| row.values[j] < joint.lower - room || row.values[j] > joint.upper + room;
+        if let Some(row) = rows.iter().find(outside) {
+            bail!(
+                "{}: {} reaches {:.4} {}, its limits are {:.4} to {:.4}; check unit, order and sign of the columns. For degrees, \
+                 --map can give `factor = 0.0174533`",
+                path.display(),
+                joint.name,
+                row.values[j],
+                joint.unit,
+                joint.lower,
+                joint.upper
+            );
+        }
+    }
+    Ok(Samples { coordinates, rows, joints: Vec::new() })
 }
 
 #[cfg(test)]

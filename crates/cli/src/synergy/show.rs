@@ -18,9 +18,9 @@ pub(super) struct Args {
     /// The synergy
     #[arg(value_name = "SOURCE")]
     source: PathBuf,
-    /// Which space of a run
-    #[arg(long, value_enum, default_value = "commands")]
-    space: SpaceName,
+    /// Which synergy of a run [default: commands]
+    #[arg(long, value_enum)]
+    space: Option<SpaceName>,
     /// Number of components to show, beginning with the first [default: 5, or all if there are fewer]
     #[arg(long, value_name = "N", default_value_t = 5, hide_default_value = true, value_parser = clap::value_parser!(u64).range(1..))]
     components: u64,

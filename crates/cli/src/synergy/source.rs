@@ -6,15 +6,16 @@ use anyhow::bail;
 use eigenhand_synergy::{Import, Space, SynergyFile, import};
 use eigenhand_train::{POSTURE_SYNERGY, SYNERGY};
 
-/// The file of a synergy in its directory.
+/// The file of a synergy in its directory, and an array that lies beside it where the samples do too.
 const FILE: &str = "synergy.toml";
+const BESIDE: &str = "mean.npy";
 
-/// The spaces that a run has.
+/// What the samples of a space are.
 #[derive(Clone, Copy, clap::ValueEnum)]
 pub(crate) enum SpaceName {
-    /// The control synergy: commands along whole grasps
+    /// Commands along whole grasps: the control synergy
     Commands,
-    /// The synergy of end postures
+    /// Joint positions at the end of grasps
     Postures,
 }
 
@@ -34,6 +35,14 @@ impl SpaceName {
     }
 }
 
+/// Says what a space is.
+pub(crate) fn kind_of(space: Space) -> &'static str {
+    match space {
+        Space::Commands => "control synergy",
+        Space::Postures => "synergy of postures",
+    }
+}
+
 /// A synergy as it was read.
 pub(crate) struct Source {
     /// The path that the user gave.
@@ -44,24 +53,35 @@ pub(crate) struct Source {
 }
 
 impl Source {
-    /// Reads the synergy at `path`: a file, its directory, or a run or an export, which hold one for each space.
-    pub(crate) fn read(path: &Path, space: SpaceName) -> anyhow::Result<Source> {
+    /// Reads the synergy at `path`: a file, its directory, or a run or an export, which hold one for each space. Without
+    /// `space`, it takes the control synergy of a run.
+    pub(crate) fn read(path: &Path, space: Option<SpaceName>) -> anyhow::Result<Source> {
+        let of_run = space.unwrap_or(SpaceName::Commands).directory();
         let (file, samples) = if path.is_file() {
-            (SynergyFile::read(path)?, None)
+            match path.parent().filter(|parent| path.ends_with(FILE) && parent.join(BESIDE).exists()) {
+                Some(parent) => read_directory(parent)?,
+                None => (SynergyFile::read(path)?, None),
+            }
         } else if path.join(FILE).is_file() {
             read_directory(path)?
-        } else if path.join(space.directory()).join(FILE).is_file() {
-            read_directory(&path.join(space.directory()))?
+        } else if path.join(of_run).join(FILE).is_file() {
+            read_directory(&path.join(of_run))?
         } else if path.is_dir() {
             bail!(
-                "{} holds no synergy: expected {FILE}, or {}/{FILE} as in a run directory; a run writes it once it has enough \
-                 successes",
-                path.display(),
-                space.directory()
+                "{} holds no synergy: expected {FILE}, or {of_run}/{FILE} as in a run directory; a run writes it once it has \
+                 enough successes",
+                path.display()
             );
         } else {
             bail!("{} does not exist: give a run directory, an export, or a {FILE}", path.display());
         };
+        if space.is_some_and(|space| space.of() != file.space) {
+            bail!(
+                "{} is a {}: leave --space out, or give the directory of the other synergy",
+                path.display(),
+                kind_of(file.space)
+            );
+        }
         Ok(Source { path: path.to_owned(), file, samples })
     }
 
@@ -75,9 +95,9 @@ impl Source {
 
     /// Says what the synergy is, in one line.
     pub(crate) fn title(&self) -> String {
-        let (kind, coordinates) = match self.file.space {
-            Space::Commands => ("control synergy", "actuators"),
-            Space::Postures => ("synergy of end postures", "joints"),
+        let coordinates = match self.file.space {
+            Space::Commands => "actuators",
+            Space::Postures => "joints",
         };
         let synergy = &self.file.synergy;
         let numbers = match synergy.n_components() {
@@ -85,7 +105,8 @@ impl Source {
             k => format!("{k} numbers"),
         };
         format!(
-            "{kind} of {}: {numbers} for {} {coordinates}, from {} {}s",
+            "{} of {}: {numbers} for {} {coordinates}, from {} {}s",
+            kind_of(self.file.space),
             self.file.hand,
             synergy.n_joints(),
             synergy.n_postures(),
@@ -96,8 +117,7 @@ impl Source {
 
 /// A directory with the file alone, as in `synergies/`, has no samples.
 fn read_directory(directory: &Path) -> anyhow::Result<(SynergyFile, Option<Vec<Vec<f64>>>)> {
-    let alone = !directory.join("mean.npy").exists();
-    if alone {
+    if !directory.join(BESIDE).exists() {
         return Ok((SynergyFile::read(directory.join(FILE))?, None));
     }
     let Import { file, samples } = import(directory)?;

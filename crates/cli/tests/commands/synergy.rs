@@ -2,15 +2,15 @@
 
 use std::path::Path;
 
+use eigenhand_synergy::{JointInfo, MotionRecord, PostureDatabase, Unit};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use super::{FAILURE, assert_error, json, run, stderr};
+use super::{FAILURE, USAGE, assert_error, json, run, stderr};
 
 /// A synergy of the repository, of a hand that it has.
 fn ready() -> String {
-    let mut entries = std::fs::read_dir(super::workspace().join("synergies")).unwrap();
-    entries.next().unwrap().unwrap().path().display().to_string()
+    super::workspace().join("synergies/shadow").display().to_string()
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
@@ -76,4 +76,74 @@ fn a_synergy_is_fitted_to_a_table_and_compared() {
     refused(&["--joints", "a,z"], "no z; they have a, b, c");
     refused(&["--object", "cube"], "which object");
     refused(&["--weights", "per-object"], "objects");
+}
+
+/// A database with motions of two objects: the hand closes from one posture to another, a little differently each time.
+fn database(path: &Path) {
+    let coordinate = |name: &str| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -2.0, upper: 2.0 };
+    let (joints, actuators) = (["slide", "J1", "J2"].map(coordinate), ["A1", "A2"].map(coordinate));
+    let mut database = PostureDatabase::open(path, &joints, &actuators).unwrap();
+    let motion = |i: u32| {
+        let (bend, curl) = (f64::from(i % 10) / 10.0, f64::from(i % 3) / 30.0);
+        MotionRecord {
+            episode: u64::from(i / 10),
+            object: if i < 20 { "cube" } else { "disc" }.to_owned(),
+            step: i % 10,
+            held: i % 10 > 5,
+            posture: vec![0.1, bend, 0.5 * bend + curl],
+            command: vec![bend, bend + curl],
+        }
+    };
+    database.insert_motions(&(0..60).map(motion).collect::<Vec<_>>()).unwrap();
+}
+
+#[test]
+fn a_synergy_is_fitted_to_some_samples_of_a_database() {
+    let place = TempDir::new().unwrap();
+    let path = |name: &str| place.path().join(name).display().to_string();
+    database(&place.path().join("postures.sqlite"));
+    let fit = |more: &[&str]| {
+        run(&[&["synergy", "fit", &path("postures.sqlite"), "--out", &path("out"), "--json"], more].concat())
+    };
+    let count = |more: &[&str]| json(&fit(more))["samples"].as_u64().unwrap();
+    assert_eq!(count(&["--components", "1"]), 60);
+    assert_eq!(count(&["--object", "cube"]), 20);
+    assert_eq!(count(&["--object", "disc", "--episodes", "3..5"]), 20);
+    assert_eq!(count(&["--weights", "per-object"]), 40);
+    let text = std::fs::read_to_string(place.path().join("out/synergy.toml")).unwrap();
+    assert!(text.contains("[joint_map]") && text.contains("weights = \"per-object\""), "{text}");
+    std::fs::remove_dir_all(place.path().join("out")).unwrap();
+    assert_error(&fit(&["--object", "cube", "--object", "sphere"]), FAILURE, &["sphere", "they have cube, disc"]);
+    assert_error(&fit(&["--joints", "fingers"]), FAILURE, &["needs the hand", "--hand"]);
+    assert_error(&fit(&["--episodes", "5..5"]), USAGE, &["A..B"]);
+    let not_a_run = run(&["synergy", "fit", &ready(), "--out", &path("out")]);
+    assert_error(&not_a_run, FAILURE, &["no run directory"]);
+    assert!(!place.path().join("out").exists());
+}
+
+#[test]
+fn what_would_be_wrong_in_silence_is_refused() {
+    let place = TempDir::new().unwrap();
+    let path = |name: &str| place.path().join(name).display().to_string();
+    let shown = json(&run(&["hands", "show", "shadow", "--json"]));
+    let key = shown["values"].as_array().unwrap().iter().find(|value| value["key"] == "posture_joints").unwrap();
+    let joint = key["value"][1].as_str().unwrap();
+    std::fs::write(path("degrees.csv"), format!("time,{joint}\n0,0\n1,90\n")).unwrap();
+    std::fs::write(path("map.toml"), "columns.time = { drop = true }\n").unwrap();
+    std::fs::write(path("slip.toml"), "columns.Time = { drop = true }\n").unwrap();
+    let fit = |more: &[&str]| run(&[&["synergy", "fit", &path("degrees.csv"), "--out", &path("out")], more].concat());
+    let told = ["--space", "postures", "--hand", "shadow"];
+    assert_error(&fit(&["--hand", "shadow"]), FAILURE, &["--space"]);
+    let error = fit(&[&told[..], &["--map", &path("map.toml")]].concat());
+    assert_error(&error, FAILURE, &[joint, "its limits are", "0.0174533"]);
+    let error = fit(&["--space", "postures", "--map", &path("slip.toml")]);
+    assert_error(&error, FAILURE, &["no table has the column Time", "time"]);
+    assert!(!place.path().join("out").exists());
+    // A posture is no command, although joints and actuators may have the same names.
+    std::fs::write(path("a.csv"), "a,b\n0,1\n1,3\n").unwrap();
+    for space in ["postures", "commands"] {
+        json(&run(&["synergy", "fit", &path("a.csv"), "--space", space, "--out", &path(space), "--json"]));
+    }
+    assert_error(&run(&["synergy", "compare", &path("postures"), &path("commands")]), FAILURE, &["of one kind"]);
+    assert_error(&run(&["synergy", "show", &ready(), "--space", "postures"]), FAILURE, &["control synergy"]);
 }

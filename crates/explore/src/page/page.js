@@ -103,10 +103,13 @@
 
   const canvas = byId("view");
   const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
-  const scene = gl ? prepare(gl) : null;
-  if (!gl) {
+  let scene = null;
+  try {
+    if (!gl) throw new Error("this browser has no WebGL");
+    scene = prepare(gl);
+  } catch (error) {
     byId("failure").hidden = false;
-    byId("failure").textContent = "This browser has no WebGL, so the hand is not drawn. The numbers work.";
+    byId("failure").textContent = `The hand is not drawn: ${error.message}. The numbers work.`;
   }
 
   function prepare(gl) {
@@ -222,7 +225,8 @@
     what.className = "words";
     what.textContent = `${number.words} (${percent(number.share)})`;
     words.append(what);
-    const output = document.createElement("output");
+    const output = document.createElement("span");
+    output.className = "value";
     label.append(words, output);
     const input = document.createElement("input");
     Object.assign(input, { type: "range", id: `z${i + 1}`, min: number.least, max: number.greatest, step: "any", value: 0 });
@@ -243,6 +247,7 @@
   }
   byId("count").value = all;
   byId("count").addEventListener("change", () => {
+    stop();
     state.count = Number(byId("count").value);
     state.grasp = 0;
     update();
@@ -262,10 +267,10 @@
     const angle = map.units[j] === "rad";
     const shown = angle && state.degrees ? `${((values[j] * 180) / Math.PI).toFixed(1)}°`
       : angle ? values[j].toFixed(3) : `${(1000 * values[j]).toFixed(1)} mm`;
-    cell.textContent = shown;
+    const clamped = values[j] === map.lower[j] || values[j] === map.upper[j];
+    cell.textContent = clamped ? `${shown} (limit)` : shown;
     cell.dataset.value = values[j];
-    row.className = values[j] === map.lower[j] || values[j] === map.upper[j] ? "clamped" : "";
-    row.title = row.className ? "at its limit" : "";
+    row.className = clamped ? "clamped" : "";
   });
 
   function update() {
@@ -273,12 +278,14 @@
       box.hidden = i >= state.count;
       input.value = state.z[i];
       output.textContent = state.z[i].toFixed(2);
+      input.setAttribute("aria-valuetext", output.textContent);
     });
     const share = data.numbers.slice(0, state.count).reduce((sum, number) => sum + number.share, 0);
     byId("expressed").textContent = `express ${percent(share)} of the variance`;
     write(data.joints, joints(), rows.joints);
     if (data.commands) write(data.commands, commands(), rows.commands);
     const grasp = grasps()[state.grasp];
+    for (const id of ["open", "close", "play", "next"]) byId(id).disabled = !grasp;
     byId("grasp").textContent = grasp ? `${grasp.object}, mean of ${grasp.motions}` : "";
     draw();
   }
@@ -333,7 +340,7 @@
     const text = JSON.stringify(values, null, 2);
     try {
       await navigator.clipboard.writeText(text);
-      byId("copied").textContent = `${what} copied`;
+      byId("copied").textContent = `${what} copied, in rad and m`;
     } catch {
       window.prompt(`Copy the ${what}`, text);
     }
@@ -372,20 +379,23 @@
     event.preventDefault();
     look(0, 0, Math.exp(event.deltaY * 0.001));
   }, { passive: false });
-  canvas.addEventListener("dblclick", () => {
+  const reset = () => {
     Object.assign(camera, START);
     draw();
-  });
+  };
+  canvas.addEventListener("dblclick", reset);
   const keys = {
     ArrowLeft: [0.1, 0, 1], ArrowRight: [-0.1, 0, 1], ArrowUp: [0, -0.1, 1], ArrowDown: [0, 0.1, 1],
     "+": [0, 0, 0.9], "-": [0, 0, 1.1],
   };
   canvas.addEventListener("keydown", (event) => {
+    if (event.key === "0") reset();
     if (!keys[event.key]) return;
     event.preventDefault();
     look(...keys[event.key]);
   });
   new ResizeObserver(draw).observe(canvas);
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
 
   // For programs: the state in full precision.
   window.eigenhand = {

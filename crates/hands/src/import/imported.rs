@@ -22,6 +22,8 @@ pub struct Imported {
     pub model: Element,
     /// The model's files.
     pub assets: Assets,
+    /// How many of these files, the last ones, only pictures show.
+    pub looks: usize,
     /// Effort limit in the file (N m or N), by joint.
     pub efforts: BTreeMap<String, f64>,
     /// Velocity limit in the file (rad/s or m/s), by joint.

@@ -50,7 +50,7 @@ pub(super) fn read(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Resu
     references::connections(&mut root, notes);
     physics::force_limits(&mut root, &defaults, file, notes)?;
     physics::velocity_feedback(&mut root, &defaults, file, notes)?;
-    Ok(Imported { model: root, assets, efforts: BTreeMap::new(), velocities: BTreeMap::new(), passive })
+    Ok(Imported { model: root, assets, looks: 0, efforts: BTreeMap::new(), velocities: BTreeMap::new(), passive })
 }
 
 /// Mends compiler settings, which would also apply to the scene around the hand.

@@ -39,5 +39,5 @@ pub(super) fn convert(
         moving.filter_map(|(joint, read)| Some((joint.name.clone(), of(read)?))).collect()
     };
     let (efforts, velocities) = (by_joint(|joint| joint.effort), by_joint(|joint| joint.velocity));
-    Ok(Imported { model, assets: geoms.assets, efforts, velocities, passive: Vec::new() })
+    Ok(Imported { model, assets: geoms.assets, looks: geoms.looks, efforts, velocities, passive: Vec::new() })
 }

@@ -170,7 +170,10 @@ pub(super) fn base_of(model: &Model, data: &Data, palm: BodyId, joint: JointId) 
     if !model.joint_slides(joint) {
         return data.joint_anchor(joint);
     }
-    let own: Vec<Vector3<f64>> =
-        model.geoms().filter(|&g| model.geom_body(g) == palm).map(|g| data.geom_position(g)).collect();
+    let own: Vec<Vector3<f64>> = model
+        .geoms()
+        .filter(|&g| model.geom_collides(g) && model.geom_body(g) == palm)
+        .map(|g| data.geom_position(g))
+        .collect();
     if own.is_empty() { data.body_position(palm) } else { own.iter().sum::<Vector3<f64>>() / own.len() as f64 }
 }

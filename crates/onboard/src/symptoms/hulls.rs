@@ -42,10 +42,17 @@ fn filled_space(mesh: MeshView<'_>) -> (f64, f64) {
     let middle = points().sum::<Vector3<f64>>() / points().count().max(1) as f64;
     let total: f64 = hull.iter().map(area).sum();
     let (mut filled, mut deepest) = (0.0, 0.0_f64);
+    // Area of faces that are too small for a point of their own; the next face that gets one stands for them.
+    let mut carried = 0.0;
     for face in &hull {
         let [a, b, c] = *face;
+        carried += area(face);
+        if POINTS * carried < total {
+            continue;
+        }
+        let stands_for = std::mem::take(&mut carried);
         // The middles of n x n equal triangles: n (n + 1) / 2 that lie as the face does, the others turned by half a turn.
-        let n = (POINTS * area(face) / total).sqrt().round() as usize;
+        let n = (POINTS * area(face) / total).sqrt().round().max(1.0) as usize;
         let Some(normal) = (b - a).cross(&(c - a)).try_normalize(0.0) else { continue };
         let inward = if normal.dot(&(middle - a)) < 0.0 { -normal } else { normal };
         let middles = |rows: usize, offset: f64| {
@@ -56,7 +63,7 @@ fn filled_space(mesh: MeshView<'_>) -> (f64, f64) {
         let depths: Vec<Option<f64>> = middles.map(|point| depth_below(&point, &inward, &faces)).collect();
         let deep: Vec<f64> = depths.iter().flatten().copied().filter(|depth| *depth > DEEP).collect();
         if !depths.is_empty() {
-            filled += area(face) * deep.len() as f64 / depths.len() as f64;
+            filled += stands_for * deep.len() as f64 / depths.len() as f64;
         }
         deepest = deep.iter().copied().fold(deepest, f64::max);
     }
@@ -136,5 +143,13 @@ mod tests {
         let (area, depth) = filled(&trough);
         assert!((area - 0.0032).abs() < 4e-4, "{area} m^2");
         assert!((depth - 0.03).abs() < 1e-6, "{depth} m");
+        // Many pins that stand in a square, on a plate: their tops are the corners of many small faces of the hull.
+        let pins = (0..20).flat_map(|i| [[i, 0], [i, 19], [0, i], [19, i]]).map(|[i, j]| {
+            let at = |i: i32| f64::from(i) * 0.4 - 3.8;
+            [at(i), at(j), 2.0, 0.05, 0.05, 2.0 + 0.001 * f64::from(i * (19 - i) + j * (19 - j)).sqrt()]
+        });
+        let fence: Vec<[f64; 6]> = pins.chain([[0.0, 0.0, -0.25, 4.0, 4.0, 0.25]]).collect();
+        let (area, depth) = filled(&fence);
+        assert!(area > 0.004 && depth > 0.035, "{area} m^2, {depth} m");
     }
 }

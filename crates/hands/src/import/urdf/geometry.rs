@@ -46,6 +46,8 @@ pub(super) struct Geoms {
     pub(super) visual: Vec<Vec<Visual>>,
     /// Files of the meshes.
     pub(super) assets: Assets,
+    /// How many of these, the last ones, only pictures show.
+    pub(super) looks: usize,
 }
 
 /// Where a geom is described.
@@ -78,6 +80,7 @@ pub(super) fn read(
         }
         solid.push(of_link);
     }
+    let touching = meshes.count();
     let mut visual = Vec::with_capacity(robot.links.len());
     for link in &robot.links {
         let mut of_link = Vec::new();
@@ -93,7 +96,8 @@ pub(super) fn read(
     }
     note(notes, "collision geometry of size zero was removed, at the links", &empty);
     note(notes, "visual geometry that is missing or cannot be read was left out, at the links", &unseen);
-    Ok(Geoms { solid, visual, assets: meshes.finish(notes) })
+    let assets = meshes.finish(notes);
+    Ok(Geoms { solid, visual, looks: assets.len() - touching, assets })
 }
 
 impl Place<'_> {

@@ -164,6 +164,11 @@ impl<'a> Meshes<'a> {
         }))
     }
 
+    /// Returns the number of assets so far.
+    pub(super) fn count(&self) -> usize {
+        self.assets.len()
+    }
+
     /// Returns the assets and adds notes about changed meshes.
     pub(super) fn finish(self, notes: &mut Vec<String>) -> Assets {
         self.changes.finish(notes);
