@@ -207,10 +207,15 @@ fn the_table_of_results_is_that_of_the_runs() {
         .map(|line| {
             let value = |name: &str| line[head.iter().position(|column| *column == name).unwrap()];
             let number = |name: &str| value(name).parse::<f64>().unwrap();
+            let percent = |name: &str| format!("{:.1} %", 100.0 * number(name));
             vec![
                 value("lambda").to_owned(),
                 value("seed").to_owned(),
-                format!("{:.1} %", 100.0 * number("success_rate")),
+                percent("success_rate"),
+                percent("success_with_5"),
+                percent("success_with_2"),
+                percent("success_with_1"),
+                percent("success_with_0"),
                 format!("{:.3}", number("contribution_sum")),
                 format!("{:.3}", number("mean_error_rad")),
                 format!("{:.1}", 1000.0 * number("mean_penetration_m")),

@@ -102,6 +102,7 @@ fn shown_in(browser: &PathBuf, page: &std::path::Path, place: &TempDir) -> Shown
         .args([
             "--disable-quic",
             "--disable-background-networking",
+            "--disable-dev-shm-usage",
             "--window-size=1000,700",
             "--enable-logging=stderr",
         ])
