@@ -13,6 +13,12 @@ fn names_of(hand: &Hand) -> Vec<(&'static str, String)> {
     symptoms(hand, &task).unwrap().into_iter().map(|symptom| (symptom.name, symptom.detail)).collect()
 }
 
+/// A trough 60 mm wide, 80 mm long and 40 mm deep, with a floor like a V.
+const TROUGH: &str = "-0.03 -0.04 0.04  -0.03 0.04 0.04  0.03 -0.04 0.04  0.03 0.04 0.04  0 -0.04 0  0 0.04 0  \
+                      -0.03 -0.04 -0.005  -0.03 0.04 -0.005  0.03 -0.04 -0.005  0.03 0.04 -0.005";
+const TROUGH_FACES: &str = "0 4 5  0 5 1  4 2 3  4 3 5  2 8 9  2 9 3  8 6 7  8 7 9  6 0 1  6 1 7  \
+                            0 6 4  4 6 8  4 8 2  1 5 7  5 9 7  5 3 9";
+
 #[test]
 fn sound_hands_show_none() {
     for entry in registry().list() {
@@ -38,6 +44,15 @@ fn each_fault_shows() {
             "<geom name=\"left_pad\" contype=\"0\" type=\"box\"",
             "links without collision geometry",
             "left_joint",
+        ),
+        (
+            "<worldbody>\n    <body name=\"bridge\">",
+            &format!(
+                "<asset><mesh name=\"trough\" vertex=\"{TROUGH}\" face=\"{TROUGH_FACES}\"/></asset>\
+                 <worldbody>\n    <body name=\"bridge\"><geom type=\"mesh\" mesh=\"trough\" pos=\"0 0 0.05\" mass=\"0.01\"/>"
+            ),
+            "meshes filled by their hulls",
+            "bridge",
         ),
         (
             "<geom name=\"left_pad\" type=\"box\"",

@@ -84,6 +84,10 @@ impl Map {
             )
         })
     }
+
+    fn drops(&self, column: &str) -> bool {
+        self.columns.get(column).is_some_and(|column| column.drop)
+    }
 }
 
 impl Samples {
@@ -179,25 +183,25 @@ impl Seen {
     }
 }
 
-fn kind_of(source: &Path) -> String {
+fn extension_of(source: &Path) -> String {
     source.extension().and_then(|kind| kind.to_str()).unwrap_or_default().to_lowercase()
 }
 
 /// Tells whether a source is a table of samples, which knows neither space nor objects.
 pub(super) fn is_table(source: &Path) -> bool {
-    !source.is_dir() && ["csv", "npy"].contains(&kind_of(source).as_str())
+    !source.is_dir() && ["csv", "npy"].contains(&extension_of(source).as_str())
 }
 
 fn of_source(source: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Result<Samples> {
-    let kind = kind_of(source);
+    let extension = extension_of(source);
     let filtered = !wanted.objects.is_empty() || wanted.episodes.is_some();
-    match kind.as_str() {
+    match extension.as_str() {
         _ if source.is_dir() => of_database(&source.join(DATABASE), wanted, seen),
         "csv" | "npy" if filtered => bail!(
             "{} does not say which object or episode a row is of; --object and --episodes need a run or its {DATABASE}",
             source.display()
         ),
-        "csv" => of_table(&csv(source)?, source, wanted, seen),
+        "csv" => of_table(&csv(source, wanted.map)?, source, wanted, seen),
         "npy" => {
             let rows = read_matrix(source)?;
             of_table(&(Vec::new(), rows), source, wanted, seen)
@@ -242,7 +246,8 @@ fn of_database(path: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Res
 /// Names of columns, and rows.
 type Table = (Vec<String>, Vec<Vec<f64>>);
 
-fn csv(path: &Path) -> anyhow::Result<Table> {
+/// A column that the map drops may hold any text.
+fn csv(path: &Path, map: &Map) -> anyhow::Result<Table> {
     let mut reader = csv::Reader::from_path(path).with_context(|| format!("cannot read {}", path.display()))?;
     let headers = reader.headers().with_context(|| format!("{} is no table", path.display()))?;
     let names: Vec<String> = headers.iter().map(|name| name.trim().to_owned()).collect();
@@ -254,6 +259,9 @@ fn csv(path: &Path) -> anyhow::Result<Table> {
         let record = record.with_context(|| format!("{} is no table", path.display()))?;
         let line = record.position().map_or(0, csv::Position::line);
         let number = |(text, name): (&str, &String)| {
+            if map.drops(name) {
+                return Ok(0.0);
+            }
             let value = text.trim().parse::<f64>().ok().filter(|value| value.is_finite());
             value.with_context(|| {
                 format!("{}, line {line}, column {name}: expected a number, got {text:?}", path.display())
@@ -291,10 +299,10 @@ fn of_table((names, rows): &Table, path: &Path, wanted: &Wanted<'_>, seen: &mut 
     let mut coordinates = Vec::new();
     let mut columns: Vec<(usize, f64, f64)> = Vec::new();
     for (i, name) in names.iter().enumerate() {
-        let column = wanted.map.columns.get(name);
-        if column.is_some_and(|column| column.drop) {
+        if wanted.map.drops(name) {
             continue;
         }
+        let column = wanted.map.columns.get(name);
         let target = column.and_then(|column| column.joint.clone()).unwrap_or_else(|| name.clone());
         let info = known.iter().find(|joint| joint.name == target).cloned();
         if info.is_none() && wanted.hand.is_some() {

@@ -128,15 +128,18 @@ fn what_would_be_wrong_in_silence_is_refused() {
     let shown = json(&run(&["hands", "show", "shadow", "--json"]));
     let key = shown["values"].as_array().unwrap().iter().find(|value| value["key"] == "posture_joints").unwrap();
     let joint = key["value"][1].as_str().unwrap();
-    std::fs::write(path("degrees.csv"), format!("time,{joint}\n0,0\n1,90\n")).unwrap();
+    std::fs::write(path("degrees.csv"), format!("time,{joint}\nnoon,0\none,90\n")).unwrap();
     std::fs::write(path("map.toml"), "columns.time = { drop = true }\n").unwrap();
     std::fs::write(path("slip.toml"), "columns.Time = { drop = true }\n").unwrap();
-    let fit = |more: &[&str]| run(&[&["synergy", "fit", &path("degrees.csv"), "--out", &path("out")], more].concat());
+    std::fs::write(path("numbers.csv"), "time,bend\n0,0\n1,0.5\n").unwrap();
+    let fit_table =
+        |table: &str, more: &[&str]| run(&[&["synergy", "fit", &path(table), "--out", &path("out")], more].concat());
+    let fit = |more: &[&str]| fit_table("degrees.csv", more);
     let told = ["--space", "postures", "--hand", "shadow"];
     assert_error(&fit(&["--hand", "shadow"]), FAILURE, &["--space"]);
     let error = fit(&[&told[..], &["--map", &path("map.toml")]].concat());
     assert_error(&error, FAILURE, &[joint, "its limits are", "0.0174533"]);
-    let error = fit(&["--space", "postures", "--map", &path("slip.toml")]);
+    let error = fit_table("numbers.csv", &["--space", "postures", "--map", &path("slip.toml")]);
     assert_error(&error, FAILURE, &["no table has the column Time", "time"]);
     assert!(!place.path().join("out").exists());
     // A posture is no command, although joints and actuators may have the same names.
@@ -146,4 +149,29 @@ fn what_would_be_wrong_in_silence_is_refused() {
     }
     assert_error(&run(&["synergy", "compare", &path("postures"), &path("commands")]), FAILURE, &["of one kind"]);
     assert_error(&run(&["synergy", "show", &ready(), "--space", "postures"]), FAILURE, &["control synergy"]);
+}
+
+#[test]
+fn a_page_is_written_for_a_synergy_and_its_hand() {
+    let place = TempDir::new().unwrap();
+    let path = |name: &str| place.path().join(name).display().to_string();
+    let explore = |synergy: &str, more: &[&str]| run(&[&["explore", "--synergy", synergy, "--json"], more].concat());
+    let made = json(&explore(&ready(), &["--out", &path("page.html")]));
+    let page = std::fs::read_to_string(path("page.html")).unwrap();
+    assert_eq!(made["bytes"].as_u64().unwrap() as usize, page.len());
+    assert!(page.contains("control synergy of shadow: 5 numbers") && !page.contains("{{"), "the page is filled in");
+    let place_of_page = place.path().display().to_string();
+    assert_error(&explore(&ready(), &["--out", &place_of_page]), FAILURE, &["is a directory", "explore.html"]);
+    assert_error(
+        &explore(&ready(), &["--hand", "parallel", "--out", &path("x")]),
+        FAILURE,
+        &["the hand parallel has no"],
+    );
+    // Commands without postures do not tell where the joints are; a table without a hand does not tell whose joints they are.
+    std::fs::write(path("a.csv"), "a,b\n0,1\n1,3\n").unwrap();
+    json(&run(&["synergy", "fit", &path("a.csv"), "--space", "commands", "--out", &path("commands"), "--json"]));
+    let error = explore(&path("commands"), &["--hand", "shadow", "--out", &path("x")]);
+    assert_error(&error, FAILURE, &["no joint map"]);
+    assert_error(&explore(&path("commands"), &["--out", &path("x")]), USAGE, &["--hand"]);
+    assert!(!Path::new(&path("x")).exists());
 }

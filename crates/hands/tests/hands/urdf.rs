@@ -383,6 +383,29 @@ fn geometry_is_taken_from_what_is_seen_only_where_nothing_touches() {
 }
 
 #[test]
+fn what_only_shows_does_not_change_which_hand_it_is() {
+    let visual = "<visual><geometry><mesh filename=\"looks.obj\"/></geometry></visual>";
+    let solid = "<collision><geometry><mesh filename=\"solid.obj\"/></geometry></collision>";
+    let place = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(place.path().join(name), text).unwrap();
+    write("robot.urdf", &FINGER.replace("<link name=\"palm\">", &format!("<link name=\"palm\">{visual}{solid}")));
+    let manifest = "schema = 1\nname = \"pendulum\"\nmodel = \"robot.urdf\"\nformat = \"urdf\"\npalm = \"palm\"\n\
+                    fingertips = [\"tip\"]\n[mount]\nposition = [0, 0, 0.2]\n";
+    write("hand.toml", manifest);
+    let digest = |looks: &str, solid: &str| {
+        write("looks.obj", looks);
+        write("solid.obj", solid);
+        let hand = eigenhand_hands::Hand::load(place.path()).unwrap();
+        (hand.assets.len(), hand.digest)
+    };
+    let larger = TETRAHEDRON.replace("v 1 0 0", "v 2 0 0");
+    let before = digest(TETRAHEDRON, TETRAHEDRON);
+    assert_eq!(before.0, 2);
+    assert_eq!(digest(&larger, TETRAHEDRON), before, "another look");
+    assert_ne!(digest(TETRAHEDRON, &larger), before, "another shape");
+}
+
+#[test]
 fn what_only_shows_keeps_its_colour_and_touches_and_weighs_nothing() {
     let visual = |inside: &str, material: &str| format!("<visual><geometry>{inside}</geometry>{material}</visual>");
     let palm = visual("<mesh filename=\"looks.obj\"/>", "<material name=\"grey\"/>");
