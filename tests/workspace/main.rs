@@ -10,6 +10,7 @@ mod defaults;
 mod divergence;
 mod docs;
 mod edges;
+mod examples;
 mod explorer;
 mod gripper;
 mod new_hand;

@@ -11,8 +11,9 @@ const PYTHON: &str = "EIGENHAND_PYTHON";
 const REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
 /// Directory of the virtual environment that set-up makes.
 const ENVIRONMENT: &str = "target/python";
-/// The packages that the tests import. The tests know how far this version of MuJoCo differs from the one that training uses.
-const PACKAGES: [&str; 4] = ["numpy>=2,<3", "mujoco==4.0.0", "tensorboard==2.21.0", "tomli; python_version < '3.11'"];
+/// The project's own package, so that its source is what the tests import, and the packages that the tests compare with. They
+/// know how far this version of MuJoCo differs from the one that training uses.
+const PACKAGES: [&str; 4] = ["--editable=./python[gymnasium]", "numpy>=2,<3", "mujoco==4.0.0", "tensorboard==2.21.0"];
 
 /// Makes a virtual environment with the packages, unless it exists.
 ///
@@ -55,6 +56,6 @@ fn interpreter() -> PathBuf {
 }
 
 fn has_packages(python: &Path) -> bool {
-    let probe = Command::new(python).args(["-c", "import numpy, mujoco, tensorboard"]).output();
+    let probe = Command::new(python).args(["-c", "import eigenhand, gymnasium, mujoco, tensorboard"]).output();
     probe.is_ok_and(|output| output.status.success())
 }

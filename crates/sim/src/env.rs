@@ -17,7 +17,7 @@ use eigenhand_mujoco::{Data, Model, WarningCounts};
 pub const CLOSING_TIME: f64 = 0.6;
 
 /// Height in m from which an object is dropped, so that it does not start inside the plane.
-const DROP: f64 = 0.001;
+pub const DROP: f64 = 0.001;
 
 /// A simulation for each scene of a task; one of them runs the current episode.
 pub struct GraspEnv {

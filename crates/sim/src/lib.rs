@@ -14,7 +14,7 @@ mod self_contacts;
 mod setting;
 mod task;
 
-pub use env::{CLOSING_TIME, GraspEnv};
+pub use env::{CLOSING_TIME, DROP, GraspEnv};
 pub use error::SimError;
 pub use fingertips::fingertip_positions;
 pub use objects::{ConvexMesh, Object, ObjectSet, Shape};

@@ -129,6 +129,9 @@ impl SynergyFile {
             map.check(synergy.n_components())?;
             text.push_str("\n[joint_map]\n");
             put_rows(&mut text, "joints", &map.joints)?;
+            if !map.free.is_empty() {
+                put(&mut text, "free", &map.free)?;
+            }
             put(&mut text, "mean", &map.mean)?;
             put_rows(&mut text, "matrix", &map.matrix)?;
         }
@@ -238,7 +241,8 @@ const COMMANDS_HEADER: &str = "\
 # A control synergy: a few numbers z command all actuators u of a hand, from opening to the grasp.
 #   decode   u = mean + z components, clamped to the actuators' ranges
 #   encode   z = (u - mean) components^T
-#   joints   q = mean + z matrix, clamped to the joints' limits: where the hand then is (section [joint_map])
+#   joints   q = mean + z matrix, clamped to the joints' limits: where the hand then is (section [joint_map], in which
+#            `free` names joints that no command moves: they stand for the arm)
 # To use fewer numbers, use the first rows only. Each of [[grasps]] is the mean grasp of an object with so many numbers: move
 # from `open` to `closed`, then lift with `held`; q are the joint positions that were measured there.
 ";

@@ -19,6 +19,9 @@ use crate::{JointInfo, Synergy, SynergyError};
 pub struct JointMap {
     /// The joints, with units and limits.
     pub joints: Vec<JointInfo>,
+    /// Names of joints that no command moves, such as that of the slide, which stands for the arm.
+    #[serde(default)]
+    pub free: Vec<String>,
     /// The joint positions at coefficients of zero.
     pub mean: Vec<f64>,
     /// The change of the joint positions with each coefficient.
@@ -55,11 +58,11 @@ impl JointMap {
         let q_mean: Vec<f64> = (0..n).map(|j| mean_of(&|row| postures[row].as_ref()[j])).collect();
         let z = Mat::from_fn(n_samples, k, |row, i| coefficients[row][i] - z_mean[i]);
         let q = Mat::from_fn(n_samples, n, |row, j| postures[row].as_ref()[j] - q_mean[j]);
-        let slopes = slopes(&z, &q)?;
+        let slopes = slopes(&z, &q, RIDGE)?;
         let matrix: Vec<Vec<f64>> = (0..k).map(|i| (0..n).map(|j| slopes[(i, j)]).collect()).collect();
         // The coefficients need not have the mean 0: the space can describe other samples.
         let at_zero = |j: usize| q_mean[j] - (0..k).map(|i| z_mean[i] * matrix[i][j]).sum::<f64>();
-        Ok(JointMap { joints: joints.to_vec(), mean: (0..n).map(at_zero).collect(), matrix })
+        Ok(JointMap { joints: joints.to_vec(), free: Vec::new(), mean: (0..n).map(at_zero).collect(), matrix })
     }
 
     /// Returns the joint positions of a set of coefficients, clamped to the joints' limits.
@@ -75,8 +78,30 @@ impl JointMap {
         posture.iter().zip(&self.joints).map(|(q, joint)| joint.clamp(*q)).collect()
     }
 
+    /// Returns the coefficients whose joint positions are nearest to a measured posture, in the sense of least squares; rad
+    /// and m count alike. The joints in [`free`](Self::free) do not count.
+    ///
+    /// # Errors
+    /// A posture of the wrong length or with a number that is not finite, or fewer joints than coefficients.
+    pub fn encode(&self, posture: &[f64]) -> Result<Vec<f64>, SynergyError> {
+        check_posture(posture, self.joints.len(), 0)?;
+        let used: Vec<usize> = (0..self.joints.len()).filter(|&j| !self.free.contains(&self.joints[j].name)).collect();
+        let k = self.matrix.len();
+        if used.len() < k {
+            let expected = format!("at least {k}, one for each number");
+            return Err(SynergyError::invalid("joints that commands move", expected, used.len()));
+        }
+        let slopes_of = Mat::from_fn(used.len(), k, |row, i| self.matrix[i][used[row]]);
+        let moved = Mat::from_fn(used.len(), 1, |row, _| posture[used[row]] - self.mean[used[row]]);
+        let z = slopes(&slopes_of, &moved, 0.0)?;
+        Ok((0..k).map(|i| z[(i, 0)]).collect())
+    }
+
     pub(crate) fn check(&self, k: usize) -> Result<(), SynergyError> {
         check_joints(&self.joints)?;
+        if let Some(name) = self.free.iter().find(|name| !self.joints.iter().any(|joint| joint.name == **name)) {
+            return Err(SynergyError::invalid("joint_map.free", "names of joints", name));
+        }
         check_numbers("joint_map.mean", &self.mean, self.joints.len())?;
         if self.matrix.len() != k {
             return Err(SynergyError::invalid("rows of joint_map.matrix", k.to_string(), self.matrix.len()));
@@ -87,11 +112,11 @@ impl JointMap {
     }
 }
 
-/// (coefficients: N x k, joint positions: N x n, both minus their means) => slopes of the least squares: k x n
-fn slopes(z: &Mat<f64>, q: &Mat<f64>) -> Result<Mat<f64>, SynergyError> {
+/// (coefficients: N x k, joint positions: N x n, both minus their means; ridge) => slopes of the least squares: k x n
+fn slopes(z: &Mat<f64>, q: &Mat<f64>, ridge: f64) -> Result<Mat<f64>, SynergyError> {
     let k = z.ncols();
     let mut gram = z.transpose() * z;
-    let ridge = RIDGE * (0..k).map(|i| gram[(i, i)]).sum::<f64>() / k as f64 + f64::MIN_POSITIVE;
+    let ridge = ridge * (0..k).map(|i| gram[(i, i)]).sum::<f64>() / k as f64 + f64::MIN_POSITIVE;
     for i in 0..k {
         gram[(i, i)] += ridge;
     }
@@ -119,7 +144,22 @@ mod tests {
             for ((found, expected), joint) in found.iter().zip(follow(&command)).zip(&map.joints) {
                 assert!((found - joint.clamp(expected)).abs() < 1e-6, "{found} {expected}");
             }
+            // The way back: the posture of these coefficients has them.
+            let back = map.encode(&found).unwrap();
+            assert!(back.iter().zip(synergy.encode(&command)).all(|(a, b)| (a - b).abs() < 1e-9), "{back:?}");
+            let mut elsewhere = found.clone();
+            elsewhere[3] += 5.0;
+            let without = JointMap { free: vec!["d".to_owned()], ..map.clone() };
+            assert_eq!(
+                without.encode(&elsewhere).unwrap(),
+                without.encode(&found).unwrap(),
+                "a free joint does not count"
+            );
+            assert_ne!(map.encode(&elsewhere).unwrap(), back);
         }
+        let too_few = JointMap { free: ["a", "b", "d"].map(str::to_owned).to_vec(), ..map.clone() };
+        assert!(too_few.encode(&[0.0; 4]).is_err(), "one joint does not tell two coefficients");
+        assert!(map.encode(&[0.0; 3]).is_err());
         assert!(JointMap::fit(&synergy, &commands[..9], &["a"].map(joint), &postures).is_err());
     }
 }

@@ -20,6 +20,8 @@ pub struct HandActuators {
     n_actions: usize,
     /// Indices in a posture and open positions of the hand's joints, without the slide.
     open: Vec<(usize, f64)>,
+    /// Name of the slide's joint.
+    pub slide: String,
 }
 
 impl HandActuators {
@@ -43,6 +45,7 @@ impl HandActuators {
             actions,
             n_actions: task.action_len(),
             open: hand.open_posture_vector().into_iter().enumerate().filter(|(i, _)| !is_slide(*i)).collect(),
+            slide: hand.manifest.slide.name.clone(),
         }
     }
 
@@ -97,6 +100,7 @@ impl HandActuators {
             actions: kept.iter().map(|&i| self.actions[i]).collect(),
             n_actions: self.n_actions,
             open: self.open.clone(),
+            slide: self.slide.clone(),
         })
     }
 
@@ -185,7 +189,14 @@ pub(crate) mod tests {
         };
         let coordinates = [("a", -1.0, 3.0), ("b", 0.0, 0.5), ("c", 2.0, 2.5)].map(coordinate).to_vec();
         let holding = vec![Some((vec![2.0, 0.0], 0.1)), None, Some((vec![0.0, 1.0], 0.0))];
-        HandActuators { coordinates, holding, actions: vec![0, 2, 3], n_actions: 4, open: vec![(1, 0.5)] }
+        HandActuators {
+            coordinates,
+            holding,
+            actions: vec![0, 2, 3],
+            n_actions: 4,
+            open: vec![(1, 0.5)],
+            slide: "s".to_owned(),
+        }
     }
 
     const ACTIONS: [[f32; 4]; 3] = [[0.3, -0.7, 0.2, 0.9], [-1.0, 1.0, 0.0, 0.4], [0.1, 0.2, 0.8, -0.6]];

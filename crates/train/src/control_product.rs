@@ -41,7 +41,8 @@ impl ControlProduct {
         let Some(mut synergy) = control_space(&actuators.coordinates, described, components)? else { return Ok(None) };
         let commands_of = |steps: &[MotionRecord]| steps.iter().map(|step| step.command.clone()).collect::<Vec<_>>();
         let postures: Vec<_> = motions.iter().map(|step| step.posture.as_slice()).collect();
-        let joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
+        let mut joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
+        joint_map.free.extend(joints.iter().map(|joint| joint.name.clone()).filter(|name| *name == actuators.slide));
         synergy.widen(&commands_of(motions));
         let commands = commands_of(described);
         let with_all = (synergy.n_components(), motions);

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, rng};
-use eigenhand_sim::{CLOSING_TIME, GraspEnv, GraspTask, ObservationEntry, SimError, scene};
+use eigenhand_sim::{CLOSING_TIME, DROP, GraspEnv, GraspTask, ObservationEntry, Orientation, SimError, scene};
 use eigenhand_synergy::{Space, Synergy, SynergyFile};
 use serde::Serialize;
 
@@ -57,6 +57,7 @@ struct PolicyRecord {
     success_distance_m: f64,
     goal_height_m: [f64; 2],
     object_range_m: f64,
+    object: ObjectRecord,
     scene: SceneRecord,
     network: NetworkRecord,
     normalizer: NormalizerRecord,
@@ -64,6 +65,15 @@ struct PolicyRecord {
     observation: Vec<ObservationEntry>,
     goal: Vec<ObservationEntry>,
     start: StartRecord,
+}
+
+/// How an object comes to rest before an episode.
+#[derive(Serialize)]
+struct ObjectRecord {
+    orientation: Orientation,
+    /// How far above the plane its lowest point is when it is dropped.
+    drop_m: f64,
+    settle_time_s: f64,
 }
 
 /// Names in every `scenes/<object>.xml` that another program needs to recognise success.
@@ -189,6 +199,11 @@ fn policy_record(products: &Products) -> PolicyRecord {
         success_distance_m: task.reward.success_distance,
         goal_height_m: task.config.goal_height,
         object_range_m: task.config.object_range,
+        object: ObjectRecord {
+            orientation: task.config.orientation,
+            drop_m: DROP,
+            settle_time_s: task.config.settle_time,
+        },
         scene: SceneRecord {
             object_joint: scene::OBJECT_JOINT,
             object_geom: scene::OBJECT_GEOM,

@@ -123,7 +123,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let joint_map = match space {
         Space::Commands if !samples.joints.is_empty() => {
             let postures: Vec<&[f64]> = samples.rows.iter().map(|row| row.posture.as_slice()).collect();
-            Some(JointMap::fit(&synergy, &values, &samples.joints, &postures)?)
+            let mut joint_map = JointMap::fit(&synergy, &values, &samples.joints, &postures)?;
+            let slide = hand.as_ref().ok().map(|hand| &hand.manifest.slide.name);
+            joint_map.free.extend(samples.joints.iter().map(|j| j.name.clone()).filter(|name| Some(name) == slide));
+            Some(joint_map)
         }
         _ => None,
     };

@@ -1,0 +1,19 @@
+"""Drive a robot hand with a few numbers: read, run and simulate what Eigenhand trained.
+
+`Synergy` turns numbers into commands and joint positions, and back. `Policy` is a trained policy. Both need NumPy only.
+`eigenhand.scene` plays episodes in MuJoCo. Where Gymnasium is installed, importing this package registers the task as the
+environment `eigenhand/Grasp-v0` (`eigenhand.environment`).
+"""
+
+from eigenhand.files import FormatError
+from eigenhand.policy import Policy
+from eigenhand.synergy import Synergy
+
+try:
+    import gymnasium
+except ModuleNotFoundError:
+    pass
+else:
+    gymnasium.register("eigenhand/Grasp-v0", entry_point="eigenhand.environment:GraspEnv")
+
+__all__ = ["FormatError", "Policy", "Synergy"]

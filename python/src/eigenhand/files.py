@@ -1,0 +1,57 @@
+"""Reading the files of a run, or of an export."""
+
+import json
+import pathlib
+import struct
+
+import numpy as np
+
+try:
+    import tomllib
+except ModuleNotFoundError:  # Python before 3.11
+    import tomli as tomllib
+
+DTYPES = {"F32": np.float32, "F64": np.float64, "U64": np.uint64}
+
+
+class FormatError(ValueError):
+    """A file does not hold what is expected; the message names the file and says what to do."""
+
+
+def read_toml(path):
+    """Reads a TOML file as a dictionary."""
+    try:
+        return tomllib.loads(pathlib.Path(path).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FormatError(f"{path} is no TOML file: {error}") from None
+
+
+def read_json(path):
+    """Reads a JSON file."""
+    try:
+        return json.loads(pathlib.Path(path).read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise FormatError(f"{path} is no JSON file: {error}") from None
+
+
+def read_safetensors(path):
+    """Reads a safetensors file as arrays by name: 8 bytes of header length, a JSON header, and the arrays."""
+    data = pathlib.Path(path).read_bytes()
+    try:
+        (length,) = struct.unpack("<Q", data[:8])
+        header, body = json.loads(data[8 : 8 + length]), data[8 + length :]
+        header.pop("__metadata__", None)
+        tensors = {}
+        for name, entry in header.items():
+            begin, end = entry["data_offsets"]
+            tensors[name] = np.frombuffer(body[begin:end], DTYPES[entry["dtype"]]).reshape(entry["shape"])
+    except (struct.error, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path} is no safetensors file, or is damaged: {error}") from None
+    return tensors
+
+
+def value(table, key, path):
+    """Returns an entry of a file's table."""
+    if key not in table:
+        raise FormatError(f"{path} has no entry {key!r}: another version of Eigenhand wrote it; export the run again")
+    return table[key]
