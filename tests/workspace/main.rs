@@ -3,6 +3,7 @@
 // A panic in a helper function fails the test, as intended.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod bundle;
 mod choice;
 mod confinement;
 mod contract;

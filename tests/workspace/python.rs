@@ -14,25 +14,11 @@ use rand::rngs::StdRng;
 
 use crate::confinement::gripper_with_vane;
 use crate::gripper::{ANEW, LONGER};
-use crate::support::{DieAfter, Run, gripper, python, python_has, registry, task, tiny, workspace};
-
-/// Runs Python and returns what it printed; it must succeed.
-fn run_python(arguments: &[&str]) -> String {
-    let output = Command::new(python()).args(arguments).output().unwrap();
-    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{printed}{}", String::from_utf8_lossy(&output.stderr));
-    printed
-}
+use crate::support::{DieAfter, Run, answer, gripper, python, python_has, registry, run_python, task, tiny, workspace};
 
 /// Plays episodes with the package, and returns what it printed.
 fn play(path: &Path, arguments: &[&str]) -> String {
     run_python(&[&["-m", "eigenhand", "play", path.to_str().unwrap()], arguments].concat())
-}
-
-/// Runs a script on a path, and returns the JSON that it printed.
-fn answer<T: serde::de::DeserializeOwned>(script: &str, path: &Path) -> T {
-    let printed = run_python(&["-c", script, path.to_str().unwrap()]);
-    serde_json::from_str(&printed).unwrap_or_else(|error| panic!("{error}: {printed}"))
 }
 
 /// Returns the version of Python's MuJoCo.

@@ -61,6 +61,20 @@ pub fn python_has(modules: &str) -> bool {
     there
 }
 
+/// Runs Python and returns what it printed; it must succeed.
+pub fn run_python(arguments: &[&str]) -> String {
+    let output = std::process::Command::new(python()).args(arguments).output().unwrap();
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{printed}{}", String::from_utf8_lossy(&output.stderr));
+    printed
+}
+
+/// Runs a script on a path, and returns the JSON that it printed.
+pub fn answer<T: serde::de::DeserializeOwned>(script: &str, path: &Path) -> T {
+    let printed = run_python(&["-c", script, path.to_str().unwrap()]);
+    serde_json::from_str(&printed).unwrap_or_else(|error| panic!("{error}: {printed}"))
+}
+
 /// Returns a gripper of two pads.
 pub fn gripper() -> Hand {
     gripper_with("", "")

@@ -13,7 +13,15 @@ const REQUIRED: &str = "EIGENHAND_PYTHON_REQUIRED";
 const ENVIRONMENT: &str = "target/python";
 /// The project's own package, so that its source is what the tests import, and the packages that the tests compare with. They
 /// know how far this version of MuJoCo differs from the one that training uses.
-const PACKAGES: [&str; 4] = ["--editable=./python[gymnasium]", "numpy>=2,<3", "mujoco==4.0.0", "tensorboard==2.21.0"];
+const PACKAGES: [&str; 7] = [
+    "--editable=./python[gymnasium]",
+    "numpy>=2,<3",
+    "mujoco==4.0.0",
+    "onnxruntime==1.32.0",
+    "pyyaml>=6,<7",
+    "scipy>=1.15,<2",
+    "tensorboard==2.21.0",
+];
 
 /// Makes a virtual environment with the packages, unless it exists.
 ///
@@ -56,6 +64,8 @@ fn interpreter() -> PathBuf {
 }
 
 fn has_packages(python: &Path) -> bool {
-    let probe = Command::new(python).args(["-c", "import eigenhand, gymnasium, mujoco, tensorboard"]).output();
+    let probe = Command::new(python)
+        .args(["-c", "import eigenhand, gymnasium, mujoco, onnxruntime, scipy, tensorboard, yaml"])
+        .output();
     probe.is_ok_and(|output| output.status.success())
 }

@@ -2,13 +2,14 @@
 
 use std::path::PathBuf;
 
+use eigenhand_bundle::Bundle;
 use eigenhand_train::FinishedRun;
 use serde::Serialize;
 
 use crate::output::{Outcome, print, print_json};
 use crate::{search_path, setup};
 
-/// Exports a run for other programs: the synergy, the policy, and scenes for plain MuJoCo
+/// Exports a run for other programs: the synergy, the policy, files for motors and ROS 2, and scenes for plain MuJoCo
 #[derive(clap::Args)]
 #[command(after_help = "Example:\n  eigenhand export runs/shadow-quick-l1-s1-1 --out my-shadow")]
 pub struct Args {
@@ -40,7 +41,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let hands = search_path(&args.plugins);
         setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &[]))?
     };
-    let files = run.export(&args.out)?;
+    run.export(&args.out)?;
+    let synergy = run.control_synergy()?;
+    let bundle = Bundle {
+        hand: &run.hand,
+        synergy: synergy.as_ref(),
+        policy: &run.policy,
+        normalizer: run.config.learner.normalizer,
+        version: env!("CARGO_PKG_VERSION"),
+    };
+    let files = eigenhand_bundle::write(&bundle, &args.out)?;
     if args.json {
         print_json(&Report { run: &args.run, out: &args.out, files: &files })?;
         return Ok(Outcome::Done);

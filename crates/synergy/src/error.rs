@@ -83,6 +83,16 @@ pub enum SynergyError {
         /// The value found.
         got: String,
     },
+    /// A wrong entry of `motors.toml`.
+    #[error("{name}: expected {expected}, got {got}")]
+    Motors {
+        /// The entry.
+        name: String,
+        /// The expected value.
+        expected: String,
+        /// The value found.
+        got: String,
+    },
     /// An error in a file; the source describes it.
     #[error("{path}: {source}", path = path.display())]
     InFile {
@@ -106,6 +116,9 @@ pub enum SynergyError {
     /// A text that is not TOML, or whose fields are missing or of the wrong type.
     #[error("not a synergy file: {0}")]
     Toml(#[from] toml::de::Error),
+    /// A text that is not TOML, or whose fields are not those of `motors.toml`.
+    #[error("not a file of motors: {0}")]
+    MotorsToml(toml::de::Error),
     /// A value that TOML cannot hold.
     #[error("cannot be written as TOML: {0}")]
     TomlWrite(#[from] toml::ser::Error),
@@ -168,6 +181,10 @@ impl SynergyError {
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| SynergyError::Io { action, path, source }
+    }
+
+    pub(crate) fn motors(name: impl Into<String>, expected: impl Into<String>, got: impl ToString) -> Self {
+        SynergyError::Motors { name: name.into(), expected: expected.into(), got: got.to_string() }
     }
 
     pub(crate) fn invalid(name: impl Into<String>, expected: impl Into<String>, got: impl ToString) -> Self {

@@ -4,7 +4,6 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use eigenhand_files::{FileError, cannot};
 use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_rl::{Policy, TensorMap};
@@ -205,14 +204,14 @@ impl FinishedRun {
         Ok(if directory.exists() { Some(eigenhand_synergy::import(directory)?.file) } else { None })
     }
 
-    /// Writes the synergy of the run's postures, the policy and the scenes into a directory, and lists the files in it.
+    /// Writes the synergies, the policy and the scenes into a directory.
     ///
     /// The directory must be new, empty or an earlier export.
     ///
     /// # Errors
     /// [`TrainError::ExportExists`] for any other directory, [`TrainError::Synergy`] for the posture database,
     /// [`TrainError::File`].
-    pub fn export(&self, out: &Path) -> Result<Vec<PathBuf>, TrainError> {
+    pub fn export(&self, out: &Path) -> Result<(), TrainError> {
         let occupied = out.read_dir().is_ok_and(|mut entries| entries.next().is_some());
         let exported = out.join(POLICY_TEXT).is_file() && !out.join(CONFIG).exists();
         if out.is_file() || (occupied && !exported) {
@@ -232,11 +231,7 @@ impl FinishedRun {
             synergy: synergy.as_ref(),
             postures: &postures,
         };
-        write_products(&products, out)?;
-        let mut files = Vec::new();
-        list_files(out, &mut files)?;
-        files.sort();
-        Ok(files)
+        write_products(&products, out)
     }
 }
 
@@ -290,12 +285,4 @@ fn read_policy(run: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) ->
         "it has {} inputs for the observation, {} for the goal and {} outputs, but the hand {} needs {}, {} and {}",
         found.0, found.1, found.2, hand.manifest.name, expected.0, expected.1, expected.2
     )))
-}
-
-fn list_files(directory: &Path, files: &mut Vec<PathBuf>) -> Result<(), FileError> {
-    for entry in directory.read_dir().map_err(cannot("read", directory))? {
-        let path = entry.map_err(cannot("read", directory))?.path();
-        if path.is_dir() { list_files(&path, files)? } else { files.push(path) }
-    }
-    Ok(())
 }

@@ -6,6 +6,7 @@ environment `eigenhand/Grasp-v0` (`eigenhand.environment`).
 """
 
 from eigenhand.files import FormatError
+from eigenhand.motors import Motors
 from eigenhand.policy import Policy
 from eigenhand.synergy import Synergy
 
@@ -16,4 +17,4 @@ except ModuleNotFoundError:
 else:
     gymnasium.register("eigenhand/Grasp-v0", entry_point="eigenhand.environment:GraspEnv")
 
-__all__ = ["FormatError", "Policy", "Synergy"]
+__all__ = ["FormatError", "Motors", "Policy", "Synergy"]
