@@ -1,7 +1,8 @@
-//! What an export holds for other programs: arrays, the policy as ONNX, motors, files for ROS 2, and digests.
+//! What an export holds for other programs (arrays, the policy as ONNX, motors, files for ROS 2, digests), and pictures of a run.
 
 use eigenhand_bundle::{Bundle, MOTORS, write};
 use eigenhand_hands::{Hand, SearchPath};
+use eigenhand_render::{Film, grasp};
 use eigenhand_synergy::{Compared, Comparison, JointInfo, Synergy, SynergyFile, Unit};
 use eigenhand_train::FinishedRun;
 use rand::rngs::StdRng;
@@ -195,4 +196,28 @@ print(json.dumps(sorted(map(float, subspace_angles(a, b)))))
         assert!((angle - expected).abs() < 1e-7, "{:?} {expected:?}", comparison.angles);
     }
     assert!(expected[0] > 0.05 && expected[1] < 1.5, "the spaces share something, and not all: {expected:?}");
+}
+
+/// An episode that is drawn is that of the policy: it is watched from its start to its end, twice the same.
+#[test]
+fn an_episode_is_watched_step_by_step() {
+    let run = Exported::new().run;
+    let (scene, mut film, mut heights) = (&run.task.scenes[0], Film::default(), Vec::new());
+    let success = run
+        .watch(0, 5, |env| {
+            film.include(&run.hand, scene, env.simulation()).unwrap();
+            heights.push(env.achieved_goal()[2]);
+        })
+        .unwrap();
+    assert_eq!(heights.len(), run.task.config.steps + 1, "the start, and every step");
+    assert!(success && heights[heights.len() - 1] > heights[0] + 0.01, "the gripper has learned to lift: {heights:?}");
+    let mut again = Vec::new();
+    run.watch(0, 5, |env| again.push(env.achieved_goal()[2])).unwrap();
+    assert_eq!(again, heights);
+    let mut pictures = Vec::new();
+    run.watch(0, 5, |env| pictures.push(film.frame(env.simulation()))).unwrap();
+    assert_ne!(pictures[0], pictures[pictures.len() - 1]);
+    let grasped = run.successful_grasp(0, 20).unwrap().unwrap();
+    let [side, other] = grasp(&run.hand, scene, grasped.simulation()).unwrap();
+    assert_ne!(side, other, "two views");
 }

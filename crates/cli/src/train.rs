@@ -13,10 +13,11 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use eigenhand_report::counted;
 use eigenhand_train::config::Preset;
 use eigenhand_train::request::{Launch, NewRun, Plan, ResumedRun};
-use eigenhand_train::{Bar, Lines, Progress, Silent, StoppedBy, Summary, TrainError};
+use eigenhand_train::{Bar, FinishedRun, Lines, Progress, Silent, StoppedBy, Summary, TrainError};
 use serde::Serialize;
 
 use crate::output::{Outcome, duration, percent, print, print_json};
+use crate::render::{Drawn, Wanted, draw};
 use crate::{program, search_path, setup};
 
 /// Exit status of a program that Ctrl-C ended, by the shell's convention.
@@ -80,6 +81,9 @@ pub struct Args {
     /// Prints the summary as JSON on standard output
     #[arg(long)]
     json: bool,
+    /// Draws no pictures at the end (`render` draws them later)
+    #[arg(long)]
+    no_pictures: bool,
     /// Shows no progress
     #[arg(long)]
     quiet: bool,
@@ -188,10 +192,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let plugins: String = args.settings.plugins.iter().map(|place| format!(" --plugins {}", place.display())).collect();
     let resume = program::line(&format!("train --resume {}{plugins}", plan.run.display()));
     let summary = launch.run(&stop, progress.as_mut()).map_err(|error| explain(error, &resume))?;
+    let pictures = if args.no_pictures { None } else { pictures(args, &plan, &summary) };
     if args.json {
         print_json(&Report { run: plan.run.clone(), summary: &summary })?;
     } else {
-        print(&describe(&plan, &summary, &plugins))?;
+        print(&describe(&plan, &summary, &plugins, pictures.as_ref()))?;
     }
     match summary.stopped_by {
         StoppedBy::Episodes => Ok(Outcome::Done),
@@ -200,6 +205,20 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             Ok(Outcome::Interrupted)
         }
     }
+}
+
+/// Draws a run that has succeeded, as `render` does. What stands in the way is only a note: the run is complete without.
+fn pictures(args: &Args, plan: &Plan, summary: &Summary) -> Option<Drawn> {
+    if summary.stopped_by != StoppedBy::Episodes || summary.success_rate.is_none_or(|rate| rate == 0.0) {
+        return None;
+    }
+    if !args.quiet {
+        eprintln!("drawing pictures");
+    }
+    let drawn = FinishedRun::open(&plan.run, &search_path(&args.settings.plugins), &[])
+        .map_err(anyhow::Error::from)
+        .and_then(|run| draw(&run, &Wanted::default()));
+    drawn.inspect_err(|error| eprintln!("note: no pictures were drawn: {error:#}")).ok()
 }
 
 /// Adds the next step to an error.
@@ -313,7 +332,7 @@ fn heading(plan: &Plan) -> String {
 }
 
 /// `plugins` holds the options for additional directories of hands, because later commands need them.
-fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
+fn describe(plan: &Plan, summary: &Summary, plugins: &str, pictures: Option<&Drawn>) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {
         let _ = writeln!(text, "{name:<10} {value}");
@@ -390,6 +409,9 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     line("", "  scenes/                       scenes for plain MuJoCo");
     line("", "  postures.sqlite               the posture database");
     line("", "  metrics.csv, summary.json     learning curves, and results");
+    if pictures.is_some() {
+        line("", "  pictures/                     grasps, numbers and an episode");
+    }
     if summary.stopped_by == StoppedBy::Episodes {
         line("next", &program::line(&format!("eval {run}{plugins} --components 0..8")));
         line("", &program::line(&format!("export {run}{plugins} --out my-{}", plan.hand)));

@@ -64,7 +64,8 @@ fn picture_of(hand: &Hand, task: &Arc<GraspTask>) -> Result<Picture, OnboardErro
     if let Some(lifted) = lift(task, &hand.manifest.closing)? {
         let scene = &task.scenes[lifted.scene];
         let label = format!("{}, lifted by a script", scene.object.name);
-        tiles.push(grasp(hand, scene, lifted.env.simulation())?.labelled(&label));
+        let [side, _] = grasp(hand, scene, lifted.env.simulation())?;
+        tiles.push(side.labelled(&label));
     }
     Ok(Picture::grid(&tiles, COLUMNS))
 }

@@ -6,6 +6,9 @@ use eigenhand_sim::SimError;
 /// Errors of pictures.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
+    /// Frames of different sizes, or none.
+    #[error("a moving picture needs frames of one size")]
+    Movie,
     /// The simulator.
     #[error(transparent)]
     MuJoCo(#[from] MuJoCoError),

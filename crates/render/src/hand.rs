@@ -1,4 +1,4 @@
-//! Pictures of a hand: above the table with each object, in a grasp, and in given postures.
+//! Pictures of a hand: above the table with each object, in a grasp, in given postures, and in an episode.
 
 use std::sync::Arc;
 
@@ -27,6 +27,10 @@ const FROM_THE_SIDE: Camera =
     Camera { target: [0.0; 3], azimuth_deg: 215.0, elevation_deg: -16.0, distance: 1.0, fov_deg: 30.0 };
 /// Looks at the palm through the table.
 const FROM_BELOW: Camera = Camera { elevation_deg: 40.0, ..FROM_THE_SIDE };
+/// Looks from a quarter turn further on.
+const FROM_ANOTHER_SIDE: Camera = Camera { azimuth_deg: 125.0, ..FROM_THE_SIDE };
+/// Pixels of a frame of an episode.
+const FRAME: [usize; 2] = [360, 300];
 
 /// Draws the open hand above the table at the start of an episode, one tile for each object of the setting. Two more tiles
 /// show the hand alone from below, without the table: open, with the names of its fingertips, and closed, if it has
@@ -83,28 +87,68 @@ fn close(task: &GraspTask, data: &mut Data) -> bool {
     change.iter().any(|&change| change != 0.0)
 }
 
-/// Draws the hand and its object in the state of a simulation, from the side.
+/// Draws the hand and its object in the state of a simulation, from two sides.
 ///
 /// # Errors
 /// [`RenderError::MuJoCo`] for a palm or a fingertip that the model lacks.
-pub fn grasp(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Picture, RenderError> {
+pub fn grasp(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<[Picture; 2], RenderError> {
+    let points = grasp_points(hand, scene, data)?;
+    Ok([FROM_THE_SIDE, FROM_ANOTHER_SIDE].map(|camera| tile(data, &camera.framing(&points, ASPECT, FILLED))))
+}
+
+fn grasp_points(hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<Vec<[f64; 3]>, RenderError> {
     let mut points = hand_points(hand, scene, data)?;
     points.extend(bounding_corners(data, scene.object_geom()));
-    Ok(tile(data, &FROM_THE_SIDE.framing(&points, ASPECT, FILLED)))
+    Ok(points)
+}
+
+/// The camera of an episode: it stands still, and sees all that is shown to it beforehand.
+#[derive(Default)]
+pub struct Film {
+    points: Vec<[f64; 3]>,
+}
+
+impl Film {
+    /// Makes sure that the hand and its object will be in the picture where they are now.
+    ///
+    /// # Errors
+    /// As [`grasp`].
+    pub fn include(&mut self, hand: &Hand, scene: &ObjectScene, data: &Data) -> Result<(), RenderError> {
+        self.points.extend(grasp_points(hand, scene, data)?);
+        Ok(())
+    }
+
+    /// Draws a frame.
+    pub fn frame(&self, data: &Data) -> Picture {
+        draw(data, &FROM_THE_SIDE.framing(&self.points, FRAME[0] as f64 / FRAME[1] as f64, FILLED), FRAME[0], FRAME[1])
+    }
+}
+
+/// Where a picture of a hand alone is taken from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum View {
+    /// From below, through the table: the palm.
+    Palm,
+    /// From the side, a little from above.
+    Side,
 }
 
 /// Draws the hand alone in each posture, one picture for each. All share one camera.
 ///
 /// # Errors
 /// As [`GraspTask::posed_hand`].
-pub fn postures(hand: &Hand, task: &GraspTask, postures: &[Vec<f64>]) -> Result<Vec<Picture>, RenderError> {
+pub fn postures(hand: &Hand, task: &GraspTask, postures: &[Vec<f64>], view: View) -> Result<Vec<Picture>, RenderError> {
     let Some(scene) = task.scenes.first() else { return Ok(Vec::new()) };
     let posed: Vec<Data> = postures.iter().map(|posture| task.posed_hand(scene, posture)).collect::<Result<_, _>>()?;
     let mut points = Vec::new();
     for data in &posed {
         points.extend(hand_points(hand, scene, data)?);
     }
-    let camera = FROM_BELOW.framing(&points, ASPECT, FILLED);
+    let from = match view {
+        View::Palm => FROM_BELOW,
+        View::Side => FROM_THE_SIDE,
+    };
+    let camera = from.framing(&points, ASPECT, FILLED);
     Ok(posed.iter().map(|data| tile(data, &camera)).collect())
 }
 

@@ -18,7 +18,7 @@ pub use camera::Camera;
 pub use canvas::draw;
 pub use error::RenderError;
 pub use geoms::{bounding_corners, drawn_geoms};
-pub use hand::{COLUMNS, grasp, hand_with_objects, postures};
+pub use hand::{COLUMNS, Film, View, grasp, hand_with_objects, postures};
 pub use picture::Picture;
 pub use shapes::{SurfacePoint, Triangle, surface};
 

@@ -1,10 +1,14 @@
-//! Pixels, pictures side by side, and PNG.
+//! Pixels, pictures side by side, PNG and GIF.
 
 use crate::error::RenderError;
 
 /// Width in pixels of the gap between two pictures, and its colour.
 const GAP: usize = 4;
 const GAP_COLOUR: u8 = 255;
+/// Unit of a GIF's delays, in s.
+const GIF_TICK: f64 = 0.01;
+/// How coarsely the colours of a GIF are chosen, from 1 (best) to 30 (fastest).
+const QUANTISATION: i32 = 10;
 
 /// A picture of red, green and blue bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,6 +53,33 @@ impl Picture {
             }
         }
         Picture { width, height, rgb }
+    }
+
+    /// Returns a moving picture as a GIF file that repeats: each picture is shown for so many seconds.
+    ///
+    /// # Errors
+    /// [`RenderError::Movie`] for pictures of different sizes, or none.
+    pub fn gif(frames: &[(Picture, f64)]) -> Result<Vec<u8>, RenderError> {
+        let side = |length: usize| u16::try_from(length).ok().filter(|&length| length > 0);
+        let size = frames.first().and_then(|(first, _)| Some((side(first.width)?, side(first.height)?)));
+        let same = |(picture, _): &(Picture, f64)| {
+            side(picture.width).zip(side(picture.height)) == size
+                && picture.rgb.len() == 3 * picture.width * picture.height
+        };
+        let Some((width, height)) = size.filter(|_| frames.iter().all(same)) else { return Err(RenderError::Movie) };
+        let mut file = Vec::new();
+        let mut encode = || -> Result<(), gif::EncodingError> {
+            let mut encoder = gif::Encoder::new(&mut file, width, height, &[])?;
+            encoder.set_repeat(gif::Repeat::Infinite)?;
+            for (picture, seconds) in frames {
+                let mut frame = gif::Frame::from_rgb_speed(width, height, &picture.rgb, QUANTISATION);
+                frame.delay = (seconds / GIF_TICK).round() as u16;
+                encoder.write_frame(&frame)?;
+            }
+            Ok(())
+        };
+        encode().map_err(|_| RenderError::Movie)?;
+        Ok(file)
     }
 
     /// Returns the picture as a PNG file.

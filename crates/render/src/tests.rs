@@ -239,3 +239,21 @@ fn a_point_appears_at_its_pixel() {
     assert!(near(camera.pixel([0.0, 0.0, 0.5], [200, 100]), [100.0, 25.0]));
     assert_eq!(camera.pixel([0.0, -2.0, 0.0], [200, 100]), None);
 }
+
+#[test]
+fn a_moving_picture_has_its_frames_and_their_times() {
+    let frame = |colour: u8| Picture { width: 30, height: 20, rgb: vec![colour; 3 * 30 * 20] };
+    let file = Picture::gif(&[(frame(10), 0.12), (frame(200), 1.5)]).unwrap();
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let mut decoder = options.read_info(file.as_slice()).unwrap();
+    let mut found = Vec::new();
+    while let Some(frame) = decoder.read_next_frame().unwrap() {
+        found.push((frame.width, frame.height, frame.delay, frame.buffer[0]));
+    }
+    assert_eq!(found, [(30, 20, 12, 10), (30, 20, 150, 200)]);
+    assert!(matches!(decoder.repeat(), gif::Repeat::Infinite));
+    let smaller = Picture { width: 20, height: 20, rgb: vec![0; 3 * 20 * 20] };
+    assert!(Picture::gif(&[(frame(10), 0.1), (smaller, 0.1)]).is_err());
+    assert!(Picture::gif(&[]).is_err());
+}

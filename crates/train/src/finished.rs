@@ -165,22 +165,45 @@ impl FinishedRun {
         let mut env = GraspEnv::new(&self.task)?;
         let mut scratch = self.policy.scratch();
         for index in 0..tries {
-            let job = EpisodeJob {
-                seed: self.config.seed,
-                stream: "picture",
-                index,
-                scene: Some(scene),
-                policy: self.policy.clone(),
-                behaviour: Behaviour::Greedy,
-                fewer_numbers: false,
-                confinement: None,
-                disturbance: None,
-            };
-            if run_episode(&mut env, &mut scratch, &job)?.success {
+            if run_episode(&mut env, &mut scratch, &self.pictured(scene, self.config.seed, index))?.success {
                 return Ok(Some(env));
             }
         }
         Ok(None)
+    }
+
+    /// Runs an episode of the policy in a scene. `each` sees the environment at the start and after every step. Returns
+    /// whether the episode succeeded.
+    ///
+    /// # Errors
+    /// [`TrainError::Sim`], also for an episode that diverges.
+    pub fn watch(&self, scene: usize, seed: u64, mut each: impl FnMut(&GraspEnv)) -> Result<bool, TrainError> {
+        let mut env = GraspEnv::new(&self.task)?;
+        let job = self.pictured(scene, seed, 0);
+        let episode = run_episode(&mut env, &mut self.policy.scratch(), &job)?;
+        // The same start, and the same actions.
+        env.reset(scene, &mut job.start())?;
+        each(&env);
+        for action in episode.data.actions.chunks_exact(self.task.action_len()) {
+            env.step(action)?;
+            each(&env);
+        }
+        Ok(episode.success)
+    }
+
+    /// Returns an episode that is drawn.
+    fn pictured(&self, scene: usize, seed: u64, index: u64) -> EpisodeJob {
+        EpisodeJob {
+            seed,
+            stream: "picture",
+            index,
+            scene: Some(scene),
+            policy: self.policy.clone(),
+            behaviour: Behaviour::Greedy,
+            fewer_numbers: false,
+            confinement: None,
+            disturbance: None,
+        }
     }
 
     /// Computes the synergy of the run's postures, with the postures that it covers; none while they are too few.

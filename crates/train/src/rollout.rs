@@ -50,6 +50,13 @@ pub struct EpisodeJob {
     pub disturbance: Option<Disturbance>,
 }
 
+impl EpisodeJob {
+    /// Returns the random numbers that draw the start of the episode.
+    pub(crate) fn start(&self) -> rand_chacha::ChaCha8Rng {
+        rng::stream(self.seed, &format!("{}/env", self.stream), self.index)
+    }
+}
+
 /// A map from actions to actions that are executed in their place.
 #[derive(Clone, Debug)]
 pub struct Confinement {
@@ -108,7 +115,7 @@ pub fn episode_shape(task: &GraspTask) -> EpisodeShape {
 pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &EpisodeJob) -> Result<Episode, TrainError> {
     let task = Arc::clone(env.task());
     let shape = episode_shape(&task);
-    let mut env_rng = rng::stream(job.seed, &format!("{}/env", job.stream), job.index);
+    let mut env_rng = job.start();
     let mut explore_rng = rng::stream(job.seed, &format!("{}/explore", job.stream), job.index);
     let scene = job.scene.unwrap_or_else(|| env_rng.random_range(0..task.scenes.len()));
     let n_outputs = job.policy.n_outputs();
