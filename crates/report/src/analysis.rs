@@ -10,6 +10,7 @@ use crate::records::{
     Analysis, DifferenceRecord, LEVELS, LambdaRecord, LevelRecord, Quantity, Reached, RunRecord, objects,
 };
 use crate::run::Run;
+use crate::spaces::SharedSpace;
 use crate::statements;
 use crate::stats::{Bootstrap, median};
 
@@ -38,6 +39,7 @@ pub fn analyse(runs: &[Run]) -> Analysis {
             contribution: Vec::new(),
             objects: BTreeMap::new(),
             levels: (0..LEVELS.len()).map(|level| LevelRecord::of(&groups[i], level)).collect(),
+            space: SharedSpace::of(*lambda, &runs.iter().filter(|run| run.lambda == *lambda).collect::<Vec<_>>()),
         })
         .collect();
     let n_components = records.iter().map(|run| run.contribution.len()).max().unwrap_or(0);

@@ -116,6 +116,9 @@ pub fn interrupted(lambda: f64, seed: u64) -> Run {
         is_earlier: false,
         stress: None,
         metrics: (1..=12).map(row).collect(),
+        control: None,
+        end_variance: Vec::new(),
+        picture: None,
         errors: Vec::new(),
     }
 }

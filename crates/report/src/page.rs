@@ -4,13 +4,16 @@ mod content;
 mod few_numbers;
 mod stress;
 
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use eigenhand_train::config::Settings;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 
 use crate::figures::{FEW_NUMBERS, Figure};
 use crate::permutation::MOST_RELABELLINGS;
-use crate::records::{Analysis, DifferenceRecord, LEVELS, Quantity, RunRecord};
-use crate::run::Run;
+use crate::records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, Quantity, RunRecord};
+use crate::run::{Run, best};
+use crate::spaces::SharedSpace;
 use crate::statements::{counted, differing_settings, probability};
 use crate::stats::{Estimate, FEWEST, RESAMPLES, SIGNIFICANT, Verdict};
 
@@ -23,24 +26,28 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
         &html! {
             p.soft { (subtitle(analysis)) }
             (notes(&analysis.notes))
-            h2 { "Results" }
+            (pictures(runs))
+            (heading("Results"))
             @for figure in figures.iter().filter(|figure| figure.name == FEW_NUMBERS) { (drawing(figure)) }
             @if analysis.statements.is_empty() { p { "No run is complete yet." } }
             ul { @for statement in &analysis.statements { li { (statement) } } }
             (few_numbers::table(analysis))
             (lambda_table(analysis))
             (differences_table(analysis))
+            (spaces_section(analysis))
             (content::section(analysis))
             (stress::section(analysis))
-            h2 { "Figures" }
-            @for figure in figures.iter().filter(|figure| figure.name != FEW_NUMBERS) { (drawing(figure)) }
+            (heading("Figures"))
+            @for figure in figures.iter().filter(|figure| figure.name != FEW_NUMBERS && !figure.is_repeated) {
+                (drawing(figure))
+            }
             (objects_table(analysis))
             (levels_table(analysis))
-            h2 { "Runs" }
+            (heading("Runs"))
             (runs_table(analysis))
-            h2 { "Settings" }
+            (heading("Settings"))
             (settings(runs))
-            h2 { "How it is computed" }
+            (heading("How it is computed"))
             (method())
         },
     )
@@ -57,10 +64,86 @@ pub(crate) fn document(title: &str, content: &Markup) -> String {
                 title { (title) }
                 style { (PreEscaped(STYLE)) }
             }
-            body { main { h1 { (title) } (content) } }
+            body { main { h1 { (title) } (contents(&content.0)) (content) } }
         }
     }
     .into_string()
+}
+
+/// Beginning and end of a heading's id, and end of the heading.
+const HEADING: [&str; 3] = ["<h2 id=\"", "\">", "</h2>"];
+
+/// A heading that the contents of the page lead to.
+pub(crate) fn heading(title: &str) -> Markup {
+    let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
+    let id: String = title.chars().map(letter).collect();
+    html! { h2 id=(id.trim_matches('-')) { (title) } }
+}
+
+/// Links to the headings of a page.
+fn contents(page: &str) -> Markup {
+    let headings = page.split(HEADING[0]).skip(1).filter_map(|rest| {
+        let (id, rest) = rest.split_once(HEADING[1])?;
+        Some((id, rest.split_once(HEADING[2])?.0))
+    });
+    html! {
+        nav aria-label="Contents" {
+            @for (i, (id, title)) in headings.enumerate() {
+                @if i > 0 { " \u{b7} " }
+                a href={ "#" (id) } { (PreEscaped(title)) }
+            }
+        }
+    }
+}
+
+/// The picture of the best run, and where its explorer is.
+fn pictures(runs: &[Run]) -> Markup {
+    let Some((run, png)) = best(runs).and_then(|run| Some((run, run.picture.as_ref()?))) else { return html! {} };
+    let source = format!("data:image/png;base64,{}", STANDARD.encode(png));
+    html! {
+        figure {
+            img src=(source) alt={ "A grasp of " (run.name) ", and the hand at both ends of its first numbers" };
+            figcaption {
+                "The run " (run.name) ": a grasp, and the hand at both ends of its first numbers. To move the numbers yourself: "
+                code { "eigenhand explore " (run.path.display()) }
+            }
+        }
+    }
+}
+
+/// Whether the runs of each lambda find the same space.
+fn spaces_section(analysis: &Analysis) -> Markup {
+    let found: Vec<_> = analysis.lambdas.iter().filter_map(|l| Some((l.lambda, l.space.as_ref()?))).collect();
+    if found.is_empty() {
+        return html! {};
+    }
+    let header = words(&[
+        "",
+        "squared cosine",
+        "of random directions",
+        "own space (%)",
+        "space of another run (%)",
+        "random directions (%)",
+    ]);
+    let row = |(lambda, space): &(f64, &SharedSpace)| {
+        let percent = |share: f64| format!("{:.1}", 100.0 * share);
+        vec![
+            format!("\u{3bb}\u{a0}=\u{a0}{lambda}, {}", counted(space.n_runs, "run").replace(' ', "\u{a0}")),
+            format!("{:.2}", space.squared_cosine),
+            format!("{:.2}", space.chance),
+            percent(space.own),
+            percent(space.other),
+            percent(space.chance),
+        ]
+    };
+    html! {
+        (heading("Do the runs find the same space?"))
+        (table(&header, &found.iter().map(row).collect::<Vec<_>>()))
+        p.soft {
+            "Medians over all pairs of runs. Squared cosine: mean over the principal angles between the control synergies of two "
+            "runs, 1 for the same space. The last columns say how much of the variance of a run's commands each space holds."
+        }
+    }
 }
 
 pub(crate) fn notes(notes: &[String]) -> Markup {
@@ -73,14 +156,20 @@ pub(crate) fn notes(notes: &[String]) -> Markup {
 
 fn title(analysis: &Analysis) -> String {
     let lambdas: Vec<String> = analysis.lambdas.iter().map(|lambda| lambda.lambda.to_string()).collect();
-    format!("Hand {}: lambda {}", analysis.hand, lambdas.join(", "))
+    let trainings = match analysis.runs.len() {
+        1 => "Training".to_owned(),
+        n => format!("{n} trainings"),
+    };
+    format!("{trainings} of the hand {}, lambda {}", analysis.hand, lambdas.join(" and "))
 }
 
 fn subtitle(analysis: &Analysis) -> String {
     let complete = analysis.runs.iter().filter(|run| run.is_complete()).count();
     let runs = if analysis.runs.len() == 1 { "run" } else { "runs" };
     format!(
-        "{} {runs}, {complete} complete. Numbers: runs.csv, lambdas.csv, report.json, and a CSV beside every figure.",
+        "{} {runs}, {complete} complete. Lambda says how far training confines the policy to the synergy of its hand: with 0 it \
+         commands every joint, with 1 it commands nothing but the numbers of the synergy. All numbers are in runs.csv, \
+         lambdas.csv and report.json.",
         analysis.runs.len()
     )
 }
@@ -89,9 +178,9 @@ pub(crate) fn drawing(figure: &Figure) -> Markup {
     // The XML declaration before the first tag is left out, because the page declares its own encoding.
     let svg = figure.svg.find("<svg").map_or("", |start| &figure.svg[start..]);
     html! {
-        figure role="img" aria-label=(figure.title) {
-            (PreEscaped(svg))
-            figcaption { (figure.caption) }
+        figure {
+            div role="img" aria-label=(figure.title) { (PreEscaped(svg)) }
+            figcaption { (figure.caption) " " a href={ "figures/" (figure.name) ".csv" } { "Its numbers as CSV" } "." }
         }
     }
 }
@@ -100,8 +189,16 @@ pub(crate) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
     html! {
         div.scroll {
             table {
-                thead { tr { @for cell in header { th { (cell) } } } }
-                tbody { @for row in rows { tr { @for cell in row { td { (cell) } } } } }
+                thead { tr { @for cell in header { th scope="col" { (cell) } } } }
+                tbody {
+                    @for row in rows {
+                        tr {
+                            @for (i, cell) in row.iter().enumerate() {
+                                @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
+                            }
+                        }
+                    }
+                }
             }
         }
     }
@@ -153,39 +250,48 @@ fn configured(components: Option<usize>) -> String {
 }
 
 fn lambda_table(analysis: &Analysis) -> Markup {
-    let rows =
-        |which: Quantity| {
-            let (name, factor, digits) = quantity(which, analysis.components);
-            let mut row = vec![name];
-            for lambda in &analysis.lambdas {
-                let found = lambda.quantities.get(which.key());
-                row.push(estimate(found, factor, digits));
-                row.push(found.map_or_else(String::new, |e| {
-                    format!("{:.digits$} to {:.digits$}", factor * e.min, factor * e.max)
-                }));
-            }
-            row
-        };
+    let rows = |which: Quantity| {
+        let (name, factor, digits) = quantity(which, analysis.components);
+        let mut row = vec![name];
+        for lambda in &analysis.lambdas {
+            row.extend(cells(lambda, lambda.quantities.get(which.key()), factor, digits));
+        }
+        row
+    };
     let mut body: Vec<Vec<String>> = Quantity::ALL.map(rows).to_vec();
     let n_components = analysis.lambdas.iter().map(|lambda| lambda.contribution.len()).max().unwrap_or(0);
     for i in 0..n_components {
         let mut row = vec![format!("contribution rate {} (%)", i + 1)];
         for lambda in &analysis.lambdas {
-            let found = lambda.contribution.get(i);
-            row.push(estimate(found, 100.0, 1));
-            row.push(found.map_or_else(String::new, |e| format!("{:.1} to {:.1}", 100.0 * e.min, 100.0 * e.max)));
+            row.extend(cells(lambda, lambda.contribution.get(i), 100.0, 1));
         }
         body.push(row);
     }
+    // What no run has measured is left out.
+    body.retain(|row| row[1..].iter().any(|cell| !cell.is_empty() && cell != "-"));
     let mut header = vec![String::new()];
     for lambda in &analysis.lambdas {
-        header.push(format!("\u{3bb} = {}, {} runs", lambda.lambda, lambda.n_complete));
-        header.push("lowest to highest".to_owned());
+        header.push(format!("\u{3bb} = {}, {}", lambda.lambda, counted(lambda.n_complete, "run")));
+        if lambda.n_complete > 1 {
+            header.push("lowest to highest".to_owned());
+        }
     }
+    let several = analysis.lambdas.iter().any(|lambda| lambda.n_complete > 1);
     html! {
         (table(&header, &body))
-        p.soft { "Interquartile mean over the complete runs, with its 95 % bootstrap interval in brackets." }
+        @if several {
+            p.soft { "Interquartile mean over the complete runs, with its 95 % bootstrap interval in brackets." }
+        }
     }
+}
+
+/// Returns the cells of a lambda in a row: the estimate, and, of several runs, their range.
+fn cells(lambda: &LambdaRecord, found: Option<&Estimate>, factor: f64, digits: usize) -> Vec<String> {
+    let range =
+        found.map_or_else(String::new, |e| format!("{:.digits$} to {:.digits$}", factor * e.min, factor * e.max));
+    let mut cells = vec![estimate(found, factor, digits)];
+    cells.extend((lambda.n_complete > 1).then_some(range));
+    cells
 }
 
 fn differences_table(analysis: &Analysis) -> Markup {
@@ -255,7 +361,7 @@ fn objects_table(analysis: &Analysis) -> Markup {
     }
     let mut header = words(&["object"]);
     header.extend(analysis.lambdas.iter().map(|lambda| format!("success (%), \u{3bb} = {}", lambda.lambda)));
-    html! { h2 { "Success for each object" } (table(&header, &rows)) }
+    html! { (heading("Success for each object")) (table(&header, &rows)) }
 }
 
 fn levels_table(analysis: &Analysis) -> Markup {
@@ -275,7 +381,7 @@ fn levels_table(analysis: &Analysis) -> Markup {
         return html! {};
     }
     html! {
-        h2 { "How soon" }
+        (heading("How soon"))
         (table(&words(&["", "success", "runs that reached it", "median episodes", "median wall time (min)"]), &rows))
         p.soft {
             "Time of the first evaluation during training that reached this success. A run that never reached it "
@@ -345,7 +451,11 @@ pub(crate) fn common_table(settings: &Settings) -> Markup {
     html! {
         div.scroll {
             table {
-                tbody { @for (key, value) in settings { tr { td { code { (key) } } td.word { code { (value) } } } } }
+                tbody {
+                    @for (key, value) in settings {
+                        tr { th scope="row" { code { (key) } } td.word { code { (value) } } }
+                    }
+                }
             }
         }
     }
@@ -393,5 +503,62 @@ fn method() -> Markup {
             "In figures along training, a line is the median over the runs that have reached this point, and a band extends "
             "from the lowest of these runs to the highest."
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::analysis::analyse;
+    use crate::figures::all;
+    use crate::made_up::complete;
+
+    fn page(runs: &[Run]) -> String {
+        let analysis = analyse(runs);
+        render(runs, &analysis, &all(runs, &analysis).expect("drawn"))
+    }
+
+    #[test]
+    fn a_page_of_one_run_speaks_of_one_run() {
+        let one = page(&[complete(1.0, 1, 0.9, &[0.1, 0.9], Some(1))]);
+        assert!(one.contains("<h1>Training of the hand claw, lambda 1</h1>"));
+        assert!(
+            !one.contains("lowest to highest")
+                && !one.contains("Interquartile mean over")
+                && !one.contains("Median over")
+        );
+        let two = page(&[complete(0.0, 1, 0.9, &[0.1, 0.9], Some(1)), complete(0.0, 2, 0.8, &[0.1, 0.7], None)]);
+        assert!(two.contains("<h1>2 trainings of the hand claw, lambda 0</h1>") && two.contains("lowest to highest"));
+    }
+
+    #[test]
+    fn the_contents_lead_to_every_heading_and_each_figure_is_there_once() {
+        let runs = [complete(0.0, 1, 0.9, &[0.1, 0.9], Some(1)), complete(1.0, 1, 0.8, &[0.1, 0.7], None)];
+        let analysis = analyse(&runs);
+        let figures = all(&runs, &analysis).expect("drawn");
+        let page = render(&runs, &analysis, &figures);
+        assert!(page.matches(HEADING[0]).count() > 4);
+        for rest in page.split(HEADING[0]).skip(1) {
+            let (id, _) = rest.split_once(HEADING[1]).expect("an id");
+            assert_eq!(page.matches(&format!("<a href=\"#{id}\">")).count(), 1, "{id}");
+        }
+        for figure in &figures {
+            let shown = page.matches(&format!("href=\"figures/{}.csv\"", figure.name)).count();
+            assert_eq!(shown, usize::from(!figure.is_repeated), "{}", figure.name);
+        }
+    }
+
+    #[test]
+    fn the_best_run_is_shown() {
+        let drawn = |seed, success, byte| Run {
+            picture: Some(vec![byte]),
+            ..complete(1.0, seed, success, &[0.1, 0.9], Some(1))
+        };
+        let page = page(&[drawn(1, 0.7, 1), drawn(2, 0.9, 2), drawn(3, 0.9, 3)]);
+        assert!(
+            page.contains("data:image/png;base64,Ag==") && page.contains("eigenhand explore l1-s2"),
+            "the first of the best"
+        );
+        assert!(!page.contains("base64,AQ==") && !page.contains("base64,Aw=="));
     }
 }

@@ -7,6 +7,7 @@ use eigenhand_train::Stress;
 use serde::Serialize;
 
 use crate::few_numbers::FewNumbers;
+use crate::spaces::SharedSpace;
 use crate::stats::{Contrast, Estimate, Verdict};
 
 /// Success rates for which a report says when a run first reached them.
@@ -120,6 +121,8 @@ pub struct LambdaRecord {
     pub objects: BTreeMap<String, Estimate>,
     /// Times to reach each of [`LEVELS`].
     pub levels: Vec<LevelRecord>,
+    /// Whether the runs find the same space; none for fewer than two with a control synergy.
+    pub space: Option<SharedSpace>,
 }
 
 /// When the runs of a lambda first reached a success rate.

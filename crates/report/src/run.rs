@@ -2,14 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use eigenhand_synergy::{PostureDatabase, Synergy, SynergyError, newest};
+use eigenhand_synergy::{Import, PostureDatabase, Synergy, SynergyError, newest};
 use eigenhand_train::config::{ConfigError, Settings};
 use eigenhand_train::{
-    DATABASE, MetricsRow, Provenance, Stress, Summary, TrainError, is_run, read_metrics, read_provenance,
+    DATABASE, MetricsRow, Provenance, SYNERGY, Stress, Summary, TrainError, is_run, read_metrics, read_provenance,
     read_settings, reproduce,
 };
 
 use crate::ReportError;
+
+/// A small picture of a run's grasps, as `render` names it.
+const PICTURE: &str = "pictures/overview.png";
 
 /// A run, finished or not.
 #[derive(Clone, Debug)]
@@ -41,6 +44,13 @@ pub struct Run {
     pub stress: Option<Stress>,
     /// Its evaluations during training.
     pub metrics: Vec<MetricsRow>,
+    /// Its control synergy, and the commands to which it was fitted; none if it has none.
+    pub control: Option<Import>,
+    /// Share of the variance of its end postures in the first component, in the first two, and so on; empty like
+    /// [`errors`](Self::errors).
+    pub end_variance: Vec<f64>,
+    /// A picture of its grasps as PNG; none if it was not drawn.
+    pub picture: Option<Vec<u8>>,
     /// Approximation error of every posture that its synergy covers, ascending; empty if an earlier version stored them.
     pub errors: Vec<f64>,
 }
@@ -65,9 +75,14 @@ impl Run {
             }));
         }
         let window = setting(path, &settings, "synergy.window")?;
-        let (errors, is_earlier) = match errors(&path.join(DATABASE), components, window) {
-            Err(error) if is_of_earlier_version(&error) => (Vec::new(), true),
-            errors => (errors.map_err(TrainError::from)?, is_earlier),
+        let (Ends { errors, variance }, is_earlier) = match ends(&path.join(DATABASE), components, window) {
+            Err(error) if is_of_earlier_version(&error) => (Ends::default(), true),
+            ends => (ends.map_err(TrainError::from)?, is_earlier),
+        };
+        let control = path.join(SYNERGY);
+        let control = match control.is_dir().then(|| eigenhand_synergy::import(&control)).transpose() {
+            Err(error) if is_of_earlier_version(&error) => None,
+            control => control.map_err(TrainError::from)?,
         };
         let name = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         Ok(Run {
@@ -84,6 +99,9 @@ impl Run {
             is_earlier,
             stress: Stress::read(path)?,
             metrics,
+            control,
+            end_variance: variance,
+            picture: std::fs::read(path.join(PICTURE)).ok(),
             errors,
         })
     }
@@ -186,16 +204,37 @@ fn is_of_earlier_version(error: &SynergyError) -> bool {
     }
 }
 
-/// Computes the approximation errors of the postures that the run's synergy covers; none while there is no synergy.
-fn errors(database: &Path, components: usize, window: usize) -> Result<Vec<f64>, SynergyError> {
+/// Returns the complete run that succeeds most; of equal ones, the first.
+pub(crate) fn best(runs: &[Run]) -> Option<&Run> {
+    let success = |run: &&Run| run.result().and_then(|summary| summary.success_rate);
+    let complete = runs.iter().filter(|run| success(run).is_some());
+    complete.rev().max_by(|a, b| success(a).partial_cmp(&success(b)).unwrap_or(std::cmp::Ordering::Equal))
+}
+
+/// What the end postures of a run say.
+#[derive(Default)]
+struct Ends {
+    /// The approximation error of each posture that the synergy covers, ascending.
+    errors: Vec<f64>,
+    /// Share of the variance in the first component, in the first two, and so on.
+    variance: Vec<f64>,
+}
+
+/// Analyses the postures that the run's synergy covers; nothing while there is no synergy.
+fn ends(database: &Path, components: usize, window: usize) -> Result<Ends, SynergyError> {
     if !database.exists() {
-        return Ok(Vec::new());
+        return Ok(Ends::default());
     }
     let database = PostureDatabase::open_existing(database)?;
     let postures = database.policy_postures()?;
     let synergy = Synergy::fit_newest(database.joints(), &postures, components, window)?;
-    let Some(synergy) = synergy else { return Ok(Vec::new()) };
+    let Some(synergy) = synergy else { return Ok(Ends::default()) };
     let mut errors: Vec<f64> = newest(&postures, window).iter().map(|posture| synergy.error(posture)).collect();
     errors.sort_by(f64::total_cmp);
-    Ok(errors)
+    let mut so_far = 0.0;
+    let share = |eigenvalue: &f64| {
+        so_far += eigenvalue / synergy.total_variance();
+        so_far
+    };
+    Ok(Ends { errors, variance: synergy.eigenvalues().iter().map(share).collect() })
 }

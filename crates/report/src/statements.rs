@@ -135,6 +135,7 @@ pub fn all(analysis: &Analysis) -> Vec<String> {
     let mut sentences: Vec<String> = analysis.lambdas.iter().filter_map(few_numbers).collect();
     sentences.extend(analysis.lambdas.iter().filter_map(level));
     sentences.extend(analysis.lambdas.iter().filter_map(|lambda| trend(analysis, lambda)));
+    sentences.extend(analysis.lambdas.iter().filter_map(|lambda| Some(lambda.space.as_ref()?.statement.clone())));
     sentences.extend(analysis.differences.iter().map(|record| record.statement.clone()));
     let few = |lambda: &LambdaRecord| (FEWEST..FEW).contains(&lambda.n_complete);
     if analysis.lambdas.iter().any(few) {

@@ -13,7 +13,8 @@ use crate::ReportError;
 use crate::analysis::over;
 use crate::figures::{Figure, Group, learning_curves};
 use crate::page::{
-    common_table, document, drawing, estimate, notes, number, provenance, supported, table as html_table, words,
+    common_table, document, drawing, estimate, heading, notes, number, provenance, supported, table as html_table,
+    words,
 };
 use crate::records::{LEVELS, LevelRecord, Quantity, RunRecord};
 use crate::run::{Run, read_runs};
@@ -264,7 +265,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
                 (counted(analysis.runs.len(), "run")) ". Numbers: runs.csv, report.json, and a CSV beside the figure."
             }
             (notes(&analysis.notes))
-            h2 { "Results" }
+            (heading("Results"))
             @for figure in figures { (drawing(figure)) }
             (html_table(&header, &rows))
             p.soft {
@@ -272,13 +273,13 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
                 "success: median of the first evaluation during training that reached it; if half of the runs or more "
                 "never did, how many did."
             }
-            h2 { "Compared with \u{201c}" (first) "\u{201d}" }
+            (heading(&format!("Compared with \u{201c}{first}\u{201d}")))
             (html_table(
                 &words(&["the policy commands", "success with", "points", "95 % interval", "p", "least p", "supported"]),
                 &differences,
             ))
             ul { @for statement in &analysis.statements { li { (statement) } } }
-            h2 { "How it was made" }
+            (heading("How it was made"))
             (provenance(&study.runs))
             @if let Some(run) = study.runs.first() {
                 details { summary { "Settings of " (run.name) } (common_table(&run.settings)) }

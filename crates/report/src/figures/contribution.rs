@@ -60,7 +60,8 @@ fn figure(name: String, title: String, svg: String, panels: &[(&str, &Panel)]) -
     let caption = "Bars: contribution rate of each principal component at that time, the first component at the bottom \
                    (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
                    lowest run to the highest.";
-    Ok(Figure { csv: Panel::numbers(&name, panels)?, name, title, caption: caption.to_owned(), svg })
+    let csv = Panel::numbers(&name, panels)?;
+    Ok(Figure { csv, name, title, caption: caption.to_owned(), svg, is_repeated: panels.len() > 1 })
 }
 
 impl Panel {

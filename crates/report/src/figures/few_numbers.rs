@@ -58,6 +58,7 @@ pub fn figure(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
         caption: caption.to_owned(),
         svg: draw(NAME, SIZE, |area| paint(area, &curves, analysis.components))?,
         csv: csv(NAME, &["lambda", "numbers", "median", "min", "max", "n_runs"], rows)?,
+        is_repeated: false,
     }))
 }
 

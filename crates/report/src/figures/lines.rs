@@ -235,6 +235,7 @@ impl Plot {
         }
         Ok(Some(Figure {
             csv: csv(self.name, &header, rows)?,
+            is_repeated: false,
             svg: draw(self.name, SIZE, |area| self.draw(area, groups, bands, beside))?,
             name: self.name.to_owned(),
             title: self.title.to_owned(),

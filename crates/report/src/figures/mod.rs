@@ -4,7 +4,9 @@ mod canvas;
 mod contribution;
 mod few_numbers;
 mod lines;
+mod loadings;
 mod points;
+mod variance;
 
 use std::collections::BTreeMap;
 
@@ -29,6 +31,8 @@ pub struct Figure {
     pub svg: String,
     /// The plotted numbers.
     pub csv: Vec<u8>,
+    /// Whether the page shows its parts as figures of their own.
+    pub is_repeated: bool,
 }
 
 /// Runs that differ in their seed alone: those of a lambda, or of a variant of a study.
@@ -53,6 +57,8 @@ pub(crate) fn label(lambda: f64, n_runs: usize) -> String {
 pub fn all(runs: &[Run], analysis: &Analysis) -> Result<Vec<Figure>, ReportError> {
     let groups = groups(runs);
     let mut figures: Vec<Figure> = few_numbers::figure(analysis)?.into_iter().collect();
+    figures.extend(loadings::figure(runs)?);
+    figures.extend(variance::figure(&groups)?);
     figures.extend(contribution::figures(&groups)?);
     figures.extend(lines::figures(&groups)?);
     figures.extend(points::figures(analysis)?);
@@ -107,6 +113,12 @@ impl Cell {
 impl From<f64> for Cell {
     fn from(value: f64) -> Cell {
         Cell::Number(value)
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Cell {
+        Cell::Text(text)
     }
 }
 

@@ -76,6 +76,7 @@ fn objects(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
                 .to_owned(),
         svg,
         csv: numbers(name, "object", &columns)?,
+        is_repeated: false,
     }))
 }
 
@@ -150,6 +151,7 @@ fn results(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
                 .to_owned(),
         svg,
         csv: csv(name, &header("quantity"), numbers)?,
+        is_repeated: false,
     }))
 }
 

@@ -2,7 +2,7 @@
 
 use maud::{Markup, html};
 
-use super::{number, table};
+use super::{heading, number, table};
 use crate::content::{NUMBERS, Number};
 use crate::records::Analysis;
 use crate::statements::counted;
@@ -16,7 +16,9 @@ pub fn section(analysis: &Analysis) -> Markup {
     for lambda in &analysis.lambdas {
         let n = lambda.content.get(NUMBERS[0].key).map_or(0, |estimate| estimate.n);
         header.push(format!("\u{3bb} = {}, {}", lambda.lambda, counted(n, "run")));
-        header.push("lowest to highest".to_owned());
+        if n > 1 {
+            header.push("lowest to highest".to_owned());
+        }
     }
     let row = |held: &Number| {
         let mut row = vec![held.name.to_owned()];
@@ -24,20 +26,23 @@ pub fn section(analysis: &Analysis) -> Markup {
             let found = lambda.content.get(held.key);
             let digits = held.digits;
             row.push(number(found.map(|e| e.median), held.factor, digits));
-            row.push(found.map_or_else(String::new, |e| {
+            let range = found.map_or_else(String::new, |e| {
                 format!("{:.digits$} to {:.digits$}", held.factor * e.min, held.factor * e.max)
-            }));
+            });
+            row.extend((lambda.content.get(NUMBERS[0].key).map_or(0, |e| e.n) > 1).then_some(range));
         }
         row
     };
     html! {
-        h2 { "What the grasps hold" }
+        (heading("What the grasps hold"))
         p {
             "A high contribution rate says little of postures that hardly vary, because one posture would then do as well. "
             "The total variance and the share between objects tell how much the components have to express."
         }
         (table(&header, &NUMBERS.iter().map(row).collect::<Vec<_>>()))
-        p.soft { "Median over the complete runs that have these numbers." }
+        @if analysis.lambdas.iter().any(|lambda| lambda.n_complete > 1) {
+            p.soft { "Median over the complete runs that have these numbers." }
+        }
         ul { @for held in &NUMBERS { li { strong { (without_unit(held.name)) } ": " (held.meaning) } } }
     }
 }

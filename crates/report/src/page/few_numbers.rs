@@ -30,8 +30,12 @@ pub fn table(analysis: &Analysis) -> Markup {
     html! {
         (super::table(&header, &found.iter().map(row).collect::<Vec<_>>()))
         p.soft {
-            "Median over the complete runs. Enough: the fewest numbers that are within 5 points of all joints in more than "
-            "half of the runs."
+            @if found.iter().all(|(_, few)| few.n_runs == 1) {
+                "Enough: the fewest numbers that are within 5 points of all joints."
+            } @else {
+                "Median over the complete runs. Enough: the fewest numbers that are within 5 points of all joints in more than "
+                "half of the runs."
+            }
         }
     }
 }

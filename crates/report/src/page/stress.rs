@@ -3,7 +3,7 @@
 use eigenhand_train::StressRow;
 use maud::{Markup, html};
 
-use super::{number, table, words};
+use super::{heading, number, table, words};
 use crate::curves::BandPoint;
 use crate::records::Analysis;
 use crate::statements::counted;
@@ -51,7 +51,7 @@ pub fn section(analysis: &Analysis) -> Markup {
     numbers.dedup();
     let episodes = numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" or ");
     html! {
-        h2 { "What the grasps endure" }
+        (heading("What the grasps endure"))
         (table(&header, &changes.iter().map(row).collect::<Vec<_>>()))
         p.soft {
             "Median over the runs, each in " (episodes) " episodes a row. In each row one thing is changed, and the episodes "
@@ -88,7 +88,8 @@ mod tests {
             complete(1.0, 3, 0.9, &[0.1, 0.9], Some(1)),
         ];
         let text = section(&analyse(&runs)).into_string();
-        let friction = "<tr><td>friction</td><td>0.7</td><td>-</td><td></td><td>60.0</td><td>50.0 to 70.0</td></tr>";
+        let friction =
+            "<tr><th scope=\"row\">friction</th><td>0.7</td><td>-</td><td></td><td>60.0</td><td>50.0 to 70.0</td></tr>";
         assert!(
             text.contains(friction) && text.contains("1, 2 runs") && text.contains("in 70 episodes a row"),
             "{text}"
