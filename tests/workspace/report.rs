@@ -130,7 +130,7 @@ fn a_report_has_a_page_that_needs_nothing_else_and_the_numbers_of_every_figure()
     let p = difference.contrast.permutation.p;
     assert_eq!(stored["permutation"]["p"], p);
     assert!((0.1..=1.0).contains(&p), "two against three runs have ten relabellings: {p}");
-    assert!(page.contains("<th>least p</th>") && page.contains("no: too few runs"));
+    assert!(page.contains("<th scope=\"col\">least p</th>") && page.contains("no: too few runs"));
     let of_one: Vec<f64> =
         report.analysis.runs.iter().filter(|r| r.lambda == 1.0).filter_map(|r| r.success_rate).collect();
     let estimate = &report.analysis.lambdas[1].quantities["success_rate"];
