@@ -21,7 +21,10 @@ use crate::{program, search_path, setup};
 
 /// Lists, shows, checks and makes hands
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  eigenhand hands list")]
+#[command(
+    after_help = "Examples:\n  eigenhand hands new my-hand --from my_hand.urdf    # a hand of your own, from URDF or MJCF\n  \
+    eigenhand hands list"
+)]
 pub struct Args {
     #[command(subcommand)]
     command: Command,
@@ -327,7 +330,7 @@ fn new(args: &NewArgs) -> anyhow::Result<Outcome> {
         print_json(&report)?;
         return Ok(outcome);
     }
-    let directory = report.directory.display();
+    let directory = program::path(&report.directory);
     let check = program::line(&format!("hands check {directory}"));
     let next = if report.is_usable() {
         format!("next:    {check}\n         {}\n", program::line(&format!("train --hand {directory}")))

@@ -6,6 +6,7 @@
 
 mod bench;
 mod bundled;
+mod completions;
 mod doctor;
 mod eval;
 mod explore;
@@ -49,6 +50,7 @@ pub enum Command {
     Hands(hands::Args),
     Bench(bench::Args),
     Doctor(doctor::Args),
+    Completions(completions::Args),
 }
 
 impl Command {
@@ -69,6 +71,7 @@ impl Command {
             Command::Hands(args) => hands::run(args),
             Command::Bench(args) => bench::run(args),
             Command::Doctor(args) => doctor::run(args),
+            Command::Completions(args) => completions::run(args),
         }
     }
 }

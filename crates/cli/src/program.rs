@@ -1,11 +1,12 @@
 //! How a person starts this program: `eigenhand`, or `cargo xtask` in a checkout.
 
+use std::path::Path;
 use std::sync::OnceLock;
 
 use clap::builder::StyledStr;
 
 /// The program's name in the texts of this crate.
-const NAME: &str = "eigenhand";
+pub(crate) const NAME: &str = "eigenhand";
 
 static SPOKEN: OnceLock<&'static str> = OnceLock::new();
 
@@ -33,6 +34,17 @@ fn rename(command: clap::Command, name: &str) -> clap::Command {
 /// Returns a command line of this program, such as `eigenhand eval RUN`.
 pub(crate) fn line(arguments: &str) -> String {
     format!("{} {arguments}", SPOKEN.get().copied().unwrap_or(NAME))
+}
+
+/// Returns a word of a command line as a shell reads it: in quotes if it needs them.
+pub(crate) fn word(text: &str) -> String {
+    // A word with a zero byte cannot be typed at all.
+    shlex::try_quote(text).map_or_else(|_| text.to_owned(), std::borrow::Cow::into_owned)
+}
+
+/// Returns a path as a word of a command line.
+pub(crate) fn path(path: &Path) -> String {
+    word(&path.to_string_lossy())
 }
 
 /// Asserts that the help of every command ends with an example that starts the program as `name`.

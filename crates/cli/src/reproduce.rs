@@ -247,11 +247,7 @@ fn count_signals() -> anyhow::Result<Arc<AtomicUsize>> {
 
 /// Returns the command line in a form that can be typed again.
 fn same_command() -> String {
-    let word = |word: String| {
-        let plain = |c: char| c.is_ascii_alphanumeric() || "-_=./,:+@%".contains(c);
-        if !word.is_empty() && word.chars().all(plain) { word } else { format!("'{}'", word.replace('\'', r"'\''")) }
-    };
-    let words: Vec<String> = std::env::args().skip(1).map(word).collect();
+    let words: Vec<String> = std::env::args().skip(1).map(|word| program::word(&word)).collect();
     program::line(&words.join(" "))
 }
 

@@ -24,6 +24,8 @@ use crate::{program, search_path, setup};
 pub const INTERRUPTED: u8 = 130;
 /// Time between two lines of progress where there is no terminal.
 const LINE_EVERY: Duration = Duration::from_secs(20);
+/// More numbers than this share of the actuators are hardly a reduction.
+const HARDLY_FEWER: f64 = 0.5;
 /// Largest seed and count that a TOML integer holds.
 pub const LARGEST: u64 = i64::MAX as u64;
 
@@ -189,8 +191,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     } else {
         Box::new(Lines::new(LINE_EVERY))
     };
-    let plugins: String = args.settings.plugins.iter().map(|place| format!(" --plugins {}", place.display())).collect();
-    let resume = program::line(&format!("train --resume {}{plugins}", plan.run.display()));
+    let plugins: String =
+        args.settings.plugins.iter().map(|place| format!(" --plugins {}", program::path(place))).collect();
+    let resume = program::line(&format!("train --resume {}{plugins}", program::path(&plan.run)));
     let summary = launch.run(&stop, progress.as_mut()).map_err(|error| explain(error, &resume))?;
     let pictures = if args.no_pictures { None } else { pictures(args, &plan, &summary) };
     if args.json {
@@ -311,6 +314,10 @@ fn heading(plan: &Plan) -> String {
     if let Some(grasps) = plan.scripted_grasps.filter(|grasps| !grasps.can_grasp()) {
         line("warning", grasps.verdict());
     }
+    // The slide stands for the arm.
+    let driven = plan.n_actuators.saturating_sub(1);
+    let hardly = if plan.components as f64 > HARDLY_FEWER * driven as f64 { ": hardly fewer" } else { "" };
+    line("numbers", format!("{} for {}{hardly}", plan.components, counted(driven, "actuator")));
     line("objects", plan.objects.join(", "));
     let resumed = match plan.episodes_done {
         0 => String::new(),
@@ -413,8 +420,13 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str, pictures: Option<&Dra
         line("", "  pictures/                     grasps, numbers and an episode");
     }
     if summary.stopped_by == StoppedBy::Episodes {
+        let run = program::path(&plan.run);
         line("next", &program::line(&format!("eval {run}{plugins} --components 0..8")));
-        line("", &program::line(&format!("export {run}{plugins} --out my-{}", plan.hand)));
+        line("", &program::line(&format!("explore {run}{plugins}")));
+        line(
+            "",
+            &program::line(&format!("export {run}{plugins} --out {}", program::word(&format!("my-{}", plan.hand)))),
+        );
     }
     text
 }

@@ -393,6 +393,7 @@ fn a_wrong_command_line_ends_with_2_and_makes_no_directory() {
         (with(&["--hand", &hand, "--config", config.to_str().unwrap()]), vec!["lamda", "lambda"]),
         (with(&["--hand", &hand, "--plugins", &absent]), vec![&absent, "--plugins"]),
         (with(&["--hand", &hand, "--preset", "slow"]), vec!["slow", "quick"]),
+        (with(&["--hand", "parallel", "--set", "synergy.components=99"]), vec!["99", "at most 1", "--set"]),
         (with(&["--resume", "runs/x"]), vec!["--resume", "--out"]),
     ];
     for (arguments, says) in cases {

@@ -98,6 +98,8 @@ pub struct Plan {
     pub seed: u64,
     /// Training episodes in all.
     pub episodes: u64,
+    /// Numbers that command the hand.
+    pub components: usize,
     /// Number of newest postures that the synergy covers; 0 means all.
     pub window: usize,
     /// Training episodes that are done already.
@@ -230,6 +232,7 @@ impl Plan {
             lambda: config.lambda,
             seed: config.seed,
             episodes: config.episodes,
+            components: config.synergy.components,
             window: config.synergy.window,
             episodes_done: 0,
             workers: config.worker_count(),
@@ -245,18 +248,38 @@ impl Plan {
 /// The first fault of the configuration or the hand.
 pub fn resolve(request: &NewRun) -> Result<(RunConfig, Hand), TrainError> {
     let registry = Registry::discover(&request.hands)?;
-    let mut config = sum_layers(request, &registry)?;
+    let (mut config, components) = sum_layers(request, &registry)?;
     let hand = registry.get(&config.hand)?;
+    let directions = hand.actuators.len();
+    if config.synergy.components > directions {
+        let Some(origin) = components else {
+            // The default is for hands with more.
+            config.synergy.components = directions;
+            return Ok((named_by_path(config, &hand, &registry), hand));
+        };
+        let reason = format!(
+            "synergy.components = {} is not allowed: the hand {} has {directions} actuators without the slide, so at most \
+             {directions} numbers can command it",
+            config.synergy.components, hand.manifest.name
+        );
+        return Err(ConfigError::Value { origin, reason }.into());
+    }
+    Ok((named_by_path(config, &hand, &registry), hand))
+}
+
+/// Names a hand that the registry does not list by its path.
+fn named_by_path(mut config: RunConfig, hand: &Hand, registry: &Registry) -> RunConfig {
     if !registry.list().iter().any(|entry| entry.name == config.hand) {
         // Only an absolute path leads to the hand from every working directory.
         let complete = hand.directory.canonicalize().unwrap_or_else(|_| hand.directory.clone());
         config.hand = complete.display().to_string();
     }
-    Ok((config, hand))
+    config
 }
 
-/// Combines the layers of a request: default, preset, file, assignments, options.
-fn sum_layers(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainError> {
+/// Combines the layers of a request: default, preset, file, assignments, options. Also returns what set the number of
+/// components; none for the default.
+fn sum_layers(request: &NewRun, registry: &Registry) -> Result<(RunConfig, Option<String>), TrainError> {
     let file = match &request.file {
         Some(path) => Some((path.display().to_string(), read_layer(path)?)),
         None => None,
@@ -300,7 +323,8 @@ fn sum_layers(request: &NewRun, registry: &Registry) -> Result<RunConfig, TrainE
         let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
         return Err(TrainError::NoHand { known });
     }
-    Ok(layers.resolve()?)
+    let components = layers.origin("synergy.components").map(str::to_owned);
+    Ok((layers.resolve()?, components))
 }
 
 /// Returns the preset that a configuration file names, if it names one.
@@ -325,7 +349,7 @@ mod tests {
     }
 
     fn resolved(request: &NewRun) -> Result<RunConfig, TrainError> {
-        sum_layers(request, &Registry::discover(&SearchPath::from_environment(&[]))?)
+        Ok(sum_layers(request, &Registry::discover(&SearchPath::from_environment(&[]))?)?.0)
     }
 
     /// A file that lives as long as the test.

@@ -167,7 +167,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
             synergy.n_components(),
             percent(sum),
             values.len(),
-            program::line(&format!("synergy show {}", args.out.display()))
+            program::line(&format!("synergy show {}", program::path(&args.out)))
         ))?;
     }
     Ok(Outcome::Done)
