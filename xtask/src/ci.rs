@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use anyhow::{Context, bail};
+use anyhow::{Context, anyhow, bail};
 use eigenhand_cli::output::{Outcome, duration};
 use eigenhand_cli::{search_path, setup};
 use eigenhand_hands::Registry;
@@ -38,9 +38,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     // Found before the tests are built, because the build can replace the file.
     let program = std::env::current_exe().context("cannot find this program's own file")?;
     setup::ensure_mujoco(&args.install)?;
-    python::install()?;
+    // Packages come from the network while the processor looks for lints.
+    let packages = std::thread::spawn(python::install);
     step("format", &mut cargo(&["fmt", "--all", "--check"]))?;
     step("lints", &mut cargo(&["clippy", "--workspace", "--all-targets", PROFILE, "--quiet", "--", "-D", "warnings"]))?;
+    packages.join().map_err(|_| anyhow!("the installation of the Python packages stopped"))??;
     let mut test = cargo(&["test", "--workspace", PROFILE, "--quiet"]);
     python::require_in(&mut test);
     step("tests", &mut test)?;
