@@ -10,7 +10,7 @@ use eigenhand_cli::{search_path, setup};
 use eigenhand_hands::Registry;
 
 use crate::cargo::{PROFILE, cargo};
-use crate::python;
+use crate::{python, wheel};
 
 /// Episodes of the smoke run before and after it is resumed.
 const SMOKE_EPISODES: [&str; 2] = ["12", "20"];
@@ -59,6 +59,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if let Some(entry) = registry.list().first() {
         smoke(&program, &entry.directory)?;
     }
+    wheel()?;
     eprintln!("ci: all steps passed in {}", duration(started.elapsed().as_secs_f64()));
     Ok(Outcome::Done)
 }
@@ -75,6 +76,24 @@ fn smoke(program: &Path, hand: &Path) -> anyhow::Result<()> {
     step("resume", resume.args(["train", "--quiet", "--episodes", SMOKE_EPISODES[1], "--resume"]).arg(&run))?;
     step("eval", Command::new(program).args(["eval", "--episodes", "4"]).arg(&run))?;
     step("export", Command::new(program).arg("export").arg(&run).arg("--out").arg(&out))
+}
+
+/// Builds the wheel, installs it in an empty environment, and trains and reads a synergy with what it brings.
+fn wheel() -> anyhow::Result<()> {
+    let scratch = tempfile::tempdir().context("cannot make a temporary directory")?;
+    let (environment, run) = (scratch.path().join("venv"), scratch.path().join("run"));
+    let wheel = wheel::build(scratch.path())?;
+    step("wheel", Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
+    let python = environment.join("bin/python");
+    step("wheel installed", Command::new(&python).args(["-m", "pip", "install", "--quiet"]).arg(&wheel))?;
+    let mut train = Command::new(environment.join("bin/eigenhand"));
+    train.args(["train", "--quiet", "--hand", "shadow", "--preset", "quick", "--episodes", SMOKE_EPISODES[0]]);
+    SMOKE_SETTINGS.iter().for_each(|setting| _ = train.args(["--set", setting]));
+    step("wheel trains", train.arg("--out").arg(&run).current_dir(scratch.path()))?;
+    const SCRIPT: &str = "import eigenhand, sys\n\
+        synergy, policy = eigenhand.Synergy.load('shadow'), eigenhand.Policy.load(sys.argv[1])\n\
+        assert len(synergy.command([0.1])) == len(policy.actuators) - 1";
+    step("wheel's package", Command::new(&python).args(["-c", SCRIPT]).arg(&run).current_dir(scratch.path()))
 }
 
 /// Runs one step; prints its name before and its time after.

@@ -11,6 +11,7 @@ mod python;
 mod same_digits;
 mod setup;
 mod test;
+mod wheel;
 
 use std::process::ExitCode;
 
@@ -43,6 +44,7 @@ enum Command {
     Bindings(bindings::Args),
     SameDigits(same_digits::Args),
     Gallery(gallery::Args),
+    Wheel(wheel::Args),
 }
 
 fn command() -> clap::Command {
@@ -62,6 +64,7 @@ fn main() -> ExitCode {
         Command::Bindings(args) => bindings::run(&args),
         Command::SameDigits(args) => same_digits::run(&args),
         Command::Gallery(args) => gallery::run(&args),
+        Command::Wheel(args) => wheel::run(&args),
     })
 }
 

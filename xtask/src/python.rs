@@ -59,7 +59,8 @@ pub fn require_in(command: &mut Command) {
     command.env(REQUIRED, "1");
 }
 
-fn interpreter() -> PathBuf {
+/// Returns the Python of this environment.
+pub fn interpreter() -> PathBuf {
     std::env::current_dir().unwrap_or_default().join(ENVIRONMENT).join("bin/python")
 }
 

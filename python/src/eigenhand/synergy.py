@@ -7,8 +7,15 @@ import numpy as np
 from eigenhand.files import FormatError, read_toml, value
 
 SCHEMA = 2
+# Where ready synergies are: beside this file in a wheel, and at the root of a checkout.
+READY = [pathlib.Path(__file__).parent / "synergies", pathlib.Path(__file__).parents[3] / "synergies"]
 # The moments of a mean grasp, in their order.
 MOMENTS = ("open", "closed", "held")
+
+
+def ready():
+    """Returns the names of the hands of which a synergy comes with this package."""
+    return sorted({path.parent.name for place in READY for path in place.glob("*/synergy.toml")})
 
 
 class Synergy:
@@ -61,11 +68,19 @@ class Synergy:
 
     @classmethod
     def load(cls, path):
-        """Reads a synergy: `synergy.toml`, the directory of it, or a run or an export that has one in `synergy/`."""
+        """Reads a synergy: `synergy.toml`, the directory of it, a run or an export that has one, or the name of a ready one.
+
+        The ready synergies come with this package; `ready()` lists them.
+        """
         path = pathlib.Path(path)
-        found = next((p for p in (path / "synergy.toml", path / "synergy" / "synergy.toml", path) if p.is_file()), None)
+        places = [path / "synergy.toml", path / "synergy" / "synergy.toml", path]
+        places += [ready / path / "synergy.toml" for ready in READY]
+        found = next((place for place in places if place.is_file()), None)
         if found is None:
-            raise FileNotFoundError(f"{path} has no synergy.toml: name a run that has succeeded, or an export of it")
+            known = ", ".join(ready())
+            raise FileNotFoundError(
+                f"{path} has no synergy.toml: name a run that has succeeded, an export of it, or a ready synergy ({known})"
+            )
         return cls(read_toml(found), found)
 
     def first(self, k):
