@@ -204,7 +204,7 @@ fn an_episode_is_watched_step_by_step() {
     let run = Exported::new().run;
     let (scene, mut film, mut heights) = (&run.task.scenes[0], Film::default(), Vec::new());
     let success = run
-        .watch(0, 5, |env| {
+        .watch(0, 5, 0, |env| {
             film.include(&run.hand, scene, env.simulation()).unwrap();
             heights.push(env.achieved_goal()[2]);
         })
@@ -212,10 +212,10 @@ fn an_episode_is_watched_step_by_step() {
     assert_eq!(heights.len(), run.task.config.steps + 1, "the start, and every step");
     assert!(success && heights[heights.len() - 1] > heights[0] + 0.01, "the gripper has learned to lift: {heights:?}");
     let mut again = Vec::new();
-    run.watch(0, 5, |env| again.push(env.achieved_goal()[2])).unwrap();
+    run.watch(0, 5, 0, |env| again.push(env.achieved_goal()[2])).unwrap();
     assert_eq!(again, heights);
     let mut pictures = Vec::new();
-    run.watch(0, 5, |env| pictures.push(film.frame(env.simulation()))).unwrap();
+    run.watch(0, 5, 0, |env| pictures.push(film.frame(env.simulation()))).unwrap();
     assert_ne!(pictures[0], pictures[pictures.len() - 1]);
     let grasped = run.successful_grasp(0, 20).unwrap().unwrap();
     let [side, other] = grasp(&run.hand, scene, grasped.simulation()).unwrap();

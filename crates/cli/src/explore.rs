@@ -1,13 +1,14 @@
 //! `eigenhand explore`
 
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use eigenhand_explore::page;
+use eigenhand_explore::{Recording, Shown, page};
 use eigenhand_files::write_atomically;
 use eigenhand_mujoco::MuJoCo;
-use eigenhand_sim::GraspTask;
+use eigenhand_sim::{GraspEnv, GraspTask};
+use eigenhand_synergy::{Space, SynergyFile};
 use eigenhand_train::config::RunConfig;
 use eigenhand_train::{FinishedRun, hand_named, is_run};
 use serde::Serialize;
@@ -18,13 +19,19 @@ use crate::{search_path, setup};
 
 /// Default name of the page, in the run directory or else in the working directory.
 const PAGE: &str = "explore.html";
+/// Control steps from one frame of a recorded episode to the next.
+const FRAME_STEPS: usize = 2;
+/// Largest number of episodes to record one that succeeds.
+const TRIES: u64 = 5;
 
 /// Writes a page in which sliders move the hand along its synergy
 #[derive(clap::Args)]
 #[command(
     after_help = "The page needs no network and no server: it is one file that any browser opens. It shows the hand in 3D,\n\
-                        a slider for each number, the mean grasps of a run, and the joint angles and commands to copy.\n\n\
+                        a slider for each number, the mean grasps of a run, recorded episodes with their objects, and the joint\n\
+                        angles and commands to copy.\n\n\
                         Examples:\n  eigenhand explore runs/shadow-quick-l1-s1-1\n  \
+                        eigenhand explore runs/shadow-default-l1-s1-1 --beside runs/shadow-default-l1-s2-1\n  \
                         eigenhand explore --synergy synergies/shadow --hand shadow --out shadow.html"
 )]
 pub struct Args {
@@ -37,6 +44,9 @@ pub struct Args {
     /// Hand of --synergy, by name or directory [default: the hand that the synergy names]
     #[arg(long, value_name = "NAME", requires = "synergy")]
     hand: Option<String>,
+    /// Another synergy of the same hand, which moves a second hand with the same sliders: a run, an export, or a synergy.toml
+    #[arg(long, value_name = "SOURCE")]
+    beside: Option<PathBuf>,
     /// Which synergy of a run [default: commands]
     #[arg(long, value_enum)]
     space: Option<SpaceName>,
@@ -65,6 +75,15 @@ struct Report<'a> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let hands = search_path(&args.plugins);
+    let beside = args.beside.as_ref().map(|path| Source::read(path, args.space)).transpose()?;
+    // Two synergies of a hand differ in where they are from.
+    let title = |path: &Path, source: &Source| match args.beside {
+        Some(_) => format!("{}: {}", path.display(), source.title()),
+        None => source.title(),
+    };
+    let beside_title = args.beside.as_deref().zip(beside.as_ref()).map(|(path, source)| title(path, source));
+    let beside_title = beside_title.unwrap_or_default();
+    let beside = beside.as_ref().map(|source| Shown { file: &source.file, title: &beside_title });
     let (text, out) = match (&args.run, &args.synergy) {
         (Some(run), _) => {
             if !is_run(run) {
@@ -72,7 +91,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             }
             let source = Source::read(run, args.space)?;
             let finished = setup::with_mujoco(&args.install, || FinishedRun::open(run, &hands, &[]))?;
-            (page(&finished.hand, &finished.task, &source.file, &source.title())?, run.join(PAGE))
+            let recordings = recordings(&finished, &source.file)?;
+            let shown = Shown { file: &source.file, title: &title(run, &source) };
+            (page(&finished.hand, &finished.task, shown, beside, &recordings)?, run.join(PAGE))
         }
         (None, Some(path)) => {
             let source = Source::read(path, args.space)?;
@@ -80,7 +101,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
                 .context("the page needs the synergy's hand; --hand takes its name or its directory")?;
             let mujoco = setup::with_mujoco(&args.install, MuJoCo::load)?;
             let task = GraspTask::new(&mujoco, &hand, &RunConfig::default_preset()?.setting())?;
-            (page(&hand, &task, &source.file, &source.title())?, PathBuf::from(PAGE))
+            let shown = Shown { file: &source.file, title: &title(path, &source) };
+            (page(&hand, &task, shown, beside, &[])?, PathBuf::from(PAGE))
         }
         (None, None) => bail!("expected a run directory or --synergy"),
     };
@@ -98,6 +120,54 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         open::that_detached(&out).with_context(|| format!("no browser opened; open {} yourself", out.display()))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Records an episode with each object, a successful one if one of the first does.
+fn recordings(run: &FinishedRun, file: &SynergyFile) -> anyhow::Result<Vec<Recording>> {
+    let synergy = &file.synergy;
+    let position = |name: &String| run.task.actuators.iter().position(|actuator| actuator == name);
+    let driven: Vec<usize> = synergy.joints().iter().filter_map(|joint| position(&joint.name)).collect();
+    let period = run.task.physics.control_period() * FRAME_STEPS as f64;
+    let mut found = Vec::new();
+    for (index, scene) in run.task.scenes.iter().enumerate() {
+        let mut last = None;
+        for episode in 0..TRIES {
+            let (mut recording, mut step): (Option<Recording>, usize) = (None, 0);
+            let mut add = |env: &GraspEnv| -> anyhow::Result<()> {
+                if step % FRAME_STEPS == 0 {
+                    let recording = match &mut recording {
+                        Some(recording) => recording,
+                        None => recording.insert(Recording::begin(&run.hand, scene, env, period)?),
+                    };
+                    let mut values = vec![0.0; run.task.posture_joints.len()];
+                    if file.space == Space::Commands {
+                        values = driven.iter().map(|&i| env.simulation().ctrl()[i]).collect();
+                    } else {
+                        env.posture(&mut values);
+                    }
+                    recording.add(env, synergy.encode(&values));
+                }
+                step += 1;
+                Ok(())
+            };
+            let mut outcome = Ok(());
+            let success = run.watch(index, run.config.seed, episode, |env| {
+                if outcome.is_ok() {
+                    outcome = add(env);
+                }
+            })?;
+            outcome?;
+            last = recording;
+            if let Some(recording) = &mut last {
+                recording.end(success);
+            }
+            if success {
+                break;
+            }
+        }
+        found.extend(last);
+    }
+    Ok(found)
 }
 
 fn has_display() -> bool {

@@ -189,7 +189,7 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<[Picture; 2]>, Vec<String>)>
 fn episode(run: &FinishedRun, scene: usize, seed: u64) -> anyhow::Result<(Vec<u8>, bool)> {
     let drawn_scene = &run.task.scenes[scene];
     let (mut film, mut wrong) = (Film::default(), Ok(()));
-    let success = run.watch(scene, seed, |env| {
+    let success = run.watch(scene, seed, 0, |env| {
         if wrong.is_ok() {
             wrong = film.include(&run.hand, drawn_scene, env.simulation());
         }
@@ -198,7 +198,7 @@ fn episode(run: &FinishedRun, scene: usize, seed: u64) -> anyhow::Result<(Vec<u8
     let (name, period) = (&drawn_scene.object.name, run.task.physics.control_period());
     let (mut frames, mut step) = (Vec::new(), 0);
     let last = run.task.config.steps;
-    run.watch(scene, seed, |env| {
+    run.watch(scene, seed, 0, |env| {
         if step % FRAME_STEPS == 0 || step == last {
             let picture = film.frame(env.simulation());
             let (label, shown) = if step == last {

@@ -6,9 +6,11 @@
 
 mod error;
 mod page;
+mod recording;
 mod surfaces;
 mod words;
 
 pub use error::ExploreError;
-pub use page::page;
+pub use page::{Shown, page};
+pub use recording::Recording;
 pub use words::Words;

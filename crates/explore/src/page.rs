@@ -7,6 +7,7 @@ use eigenhand_synergy::{JointInfo, NamedGrasp, Space, SynergyFile};
 use serde::Serialize;
 
 use crate::error::ExploreError;
+use crate::recording::{Played, Recording};
 use crate::surfaces::{Part, Surface, Tip, parts, surfaces, tips};
 use crate::words::Words;
 
@@ -32,6 +33,17 @@ struct Content<'a> {
     palm: Option<usize>,
     surfaces: Vec<Surface>,
     tips: Vec<Tip>,
+    beside: Option<Beside<'a>>,
+    recordings: Vec<Played<'a>>,
+}
+
+/// A second synergy, which moves a second hand.
+#[derive(Serialize)]
+struct Beside<'a> {
+    title: &'a str,
+    numbers: Vec<Number>,
+    joints: Affine<'a>,
+    grasps: &'a [NamedGrasp],
 }
 
 #[derive(Serialize)]
@@ -68,34 +80,46 @@ impl<'a> Affine<'a> {
     }
 }
 
-/// Returns a page that shows how the numbers of a synergy move a hand. `title` says what the synergy is.
-///
-/// # Errors
-/// [`ExploreError::OtherHand`], [`ExploreError::NoJointMap`] for a space of commands without one, those of
-/// [`GraspTask::open_hand`].
-pub fn page(hand: &Hand, task: &GraspTask, file: &SynergyFile, title: &str) -> Result<String, ExploreError> {
-    let synergy = &file.synergy;
-    let rows = || (0..synergy.n_components()).map(|i| synergy.component(i)).collect::<Vec<_>>();
-    let own = Affine::of(synergy.joints(), synergy.mean(), rows());
-    let (joints, commands) = match (file.space, &file.joint_map) {
-        (Space::Postures, _) => (own, None),
-        (Space::Commands, None) => return Err(ExploreError::NoJointMap),
-        (Space::Commands, Some(map)) => {
-            let rows = map.matrix.iter().map(Vec::as_slice).collect();
-            (Affine::of(&map.joints, &map.mean, rows), Some(own))
+/// A synergy that a page shows.
+#[derive(Clone, Copy)]
+pub struct Shown<'a> {
+    /// The synergy.
+    pub file: &'a SynergyFile,
+    /// What it is.
+    pub title: &'a str,
+}
+
+/// The maps from numbers to joint positions and to commands.
+struct Maps<'a> {
+    joints: Affine<'a>,
+    commands: Option<Affine<'a>>,
+}
+
+impl<'a> Maps<'a> {
+    /// # Errors
+    /// [`ExploreError::OtherHand`], or [`ExploreError::NoJointMap`].
+    fn of(hand: &Hand, file: &'a SynergyFile) -> Result<Maps<'a>, ExploreError> {
+        let synergy = &file.synergy;
+        let rows = (0..synergy.n_components()).map(|i| synergy.component(i)).collect::<Vec<_>>();
+        let own = Affine::of(synergy.joints(), synergy.mean(), rows);
+        let (joints, commands) = match (file.space, &file.joint_map) {
+            (Space::Postures, _) => (own, None),
+            (Space::Commands, None) => return Err(ExploreError::NoJointMap),
+            (Space::Commands, Some(map)) => {
+                let rows = map.matrix.iter().map(Vec::as_slice).collect();
+                (Affine::of(&map.joints, &map.mean, rows), Some(own))
+            }
+        };
+        let slide = &hand.manifest.slide.name;
+        match joints.names.iter().find(|name| **name != slide && hand.joint(name).is_none()) {
+            None => Ok(Maps { joints, commands }),
+            Some(name) => Err(ExploreError::OtherHand { hand: hand.manifest.name.clone(), name: (*name).to_owned() }),
         }
-    };
-    let slide = &hand.manifest.slide.name;
-    let unknown = joints.names.iter().find(|name| **name != slide && hand.joint(name).is_none());
-    if let Some(name) = unknown {
-        return Err(ExploreError::OtherHand { hand: hand.manifest.name.clone(), name: (*name).to_owned() });
     }
-    let scene = task.scenes.first().ok_or(ExploreError::NoScene)?;
-    let data = task.open_hand(scene)?;
-    let palm = data.model().body(&hand.manifest.palm)?;
-    let names: Vec<String> = joints.names.iter().map(|name| (*name).to_owned()).collect();
-    let (bodies, parts) = parts(&data, data.model().body(MOUNT)?, &names, slide);
-    let words = Words::of(hand, file.space);
+}
+
+fn numbers(hand: &Hand, file: &SynergyFile) -> Vec<Number> {
+    let (words, synergy) = (Words::of(hand, file.space), &file.synergy);
     let coordinates: Vec<&str> = synergy.joints().iter().map(|joint| joint.name.as_str()).collect();
     let number = |i: usize| Number {
         least: synergy.coefficient_min()[i],
@@ -103,11 +127,48 @@ pub fn page(hand: &Hand, task: &GraspTask, file: &SynergyFile, title: &str) -> R
         share: synergy.contribution()[i],
         words: words.sentence(&coordinates, synergy.component(i)),
     };
+    (0..synergy.n_components()).map(number).collect()
+}
+
+/// Returns a page that shows how the numbers of a synergy move a hand; `beside` is another synergy of the same hand, which
+/// moves a second hand with the same sliders. The page plays the recordings.
+///
+/// # Errors
+/// [`ExploreError::OtherHand`], also for two synergies whose joints differ, [`ExploreError::NoJointMap`] for a space of
+/// commands without one, those of [`GraspTask::open_hand`].
+pub fn page(
+    hand: &Hand,
+    task: &GraspTask,
+    shown: Shown<'_>,
+    beside: Option<Shown<'_>>,
+    recordings: &[Recording],
+) -> Result<String, ExploreError> {
+    let Shown { file, title } = shown;
+    let Maps { joints, commands } = Maps::of(hand, file)?;
+    let beside = beside.map(|other| -> Result<Beside<'_>, ExploreError> {
+        let maps = Maps::of(hand, other.file)?;
+        if let Some(name) = maps.joints.names.iter().find(|name| !joints.names.contains(name)) {
+            return Err(ExploreError::OtherHand { hand: hand.manifest.name.clone(), name: (*name).to_owned() });
+        }
+        Ok(Beside {
+            title: other.title,
+            numbers: numbers(hand, other.file),
+            joints: maps.joints,
+            grasps: &other.file.grasps,
+        })
+    });
+    let scene = task.scenes.first().ok_or(ExploreError::NoScene)?;
+    let data = task.open_hand(scene)?;
+    let palm = data.model().body(&hand.manifest.palm)?;
+    let mount = data.model().body(MOUNT)?;
+    let names: Vec<String> = joints.names.iter().map(|name| (*name).to_owned()).collect();
+    let (bodies, parts) = parts(&data, mount, &names, &hand.manifest.slide.name);
+    let height = data.qpos()[data.model().qpos_address(data.model().joint(&hand.manifest.slide.name)?)];
     let content = Content {
         title,
         hand: &hand.manifest.name,
         space: file.space,
-        numbers: (0..synergy.n_components()).map(number).collect(),
+        numbers: numbers(hand, file),
         recommended: file.recommended.as_ref().map(|recommended| recommended.components),
         joints,
         commands,
@@ -116,6 +177,8 @@ pub fn page(hand: &Hand, task: &GraspTask, file: &SynergyFile, title: &str) -> R
         surfaces: surfaces(&data, &bodies),
         tips: tips(hand, &data, &bodies)?,
         parts,
+        beside: beside.transpose()?,
+        recordings: recordings.iter().filter_map(|recording| recording.played(height)).collect(),
     };
     // Inside a script element, `<` can begin its end or a comment.
     let json = serde_json::to_string(&content)?.replace('<', "\\u003c");

@@ -3,7 +3,7 @@
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use eigenhand_hands::Hand;
-use eigenhand_mujoco::{BodyId, Data, Model};
+use eigenhand_mujoco::{BodyId, Data, GeomId, Model};
 use eigenhand_render::{drawn_geoms, surface};
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -40,7 +40,7 @@ struct Screw {
 }
 
 /// The triangles of a geom in the reference posture.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(crate) struct Surface {
     part: usize,
     /// Red, green and blue, 0 to 1.
@@ -94,26 +94,31 @@ pub(crate) fn surfaces(data: &Data, bodies: &[BodyId]) -> Vec<Surface> {
     let mut found = Vec::new();
     for geom in drawn_geoms(model) {
         let Some(part) = bodies.iter().position(|body| *body == model.geom_body(geom)) else { continue };
-        let corners: Vec<Vector3<f64>> = surface(data, geom).iter().flatten().map(|point| point.position).collect();
-        let Some(&first) = corners.first() else { continue };
-        let low = corners.iter().fold(first, |low, p| low.inf(p));
-        let high = corners.iter().fold(first, |high, p| high.sup(p));
-        let step = (high - low) / STEPS;
-        let steps = |p: &Vector3<f64>, axis: usize| {
-            if step[axis] > 0.0 { ((p[axis] - low[axis]) / step[axis]).round() as u16 } else { 0 }
-        };
-        let bytes: Vec<u8> =
-            corners.iter().flat_map(|p| [0, 1, 2].map(|axis| steps(p, axis))).flat_map(u16::to_le_bytes).collect();
-        let [red, green, blue, _] = model.geom_colour(geom);
-        found.push(Surface {
-            part,
-            colour: [red, green, blue],
-            low: low.into(),
-            step: step.into(),
-            corners: BASE64_STANDARD.encode(bytes),
-        });
+        found.extend(packed(data, geom, part));
     }
     found
+}
+
+/// Returns the surface of a geom of a part; none for a geom without one.
+pub(crate) fn packed(data: &Data, geom: GeomId, part: usize) -> Option<Surface> {
+    let corners: Vec<Vector3<f64>> = surface(data, geom).iter().flatten().map(|point| point.position).collect();
+    let first = *corners.first()?;
+    let low = corners.iter().fold(first, |low, p| low.inf(p));
+    let high = corners.iter().fold(first, |high, p| high.sup(p));
+    let step = (high - low) / STEPS;
+    let steps = |p: &Vector3<f64>, axis: usize| {
+        if step[axis] > 0.0 { ((p[axis] - low[axis]) / step[axis]).round() as u16 } else { 0 }
+    };
+    let bytes: Vec<u8> =
+        corners.iter().flat_map(|p| [0, 1, 2].map(|axis| steps(p, axis))).flat_map(u16::to_le_bytes).collect();
+    let [red, green, blue, _] = data.model().geom_colour(geom);
+    Some(Surface {
+        part,
+        colour: [red, green, blue],
+        low: low.into(),
+        step: step.into(),
+        corners: BASE64_STANDARD.encode(bytes),
+    })
 }
 
 /// Lists the fingertips with the parts that carry them.

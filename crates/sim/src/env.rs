@@ -287,7 +287,7 @@ impl GraspEnv {
     }
 
     /// Returns the object's position in m, and its orientation as w, x, y, z.
-    fn object_pose(&self) -> [f64; 7] {
+    pub fn object_pose(&self) -> [f64; 7] {
         let object = self.task.scenes[self.current].addresses.object_qpos;
         std::array::from_fn(|i| self.simulation().qpos()[object + i])
     }

@@ -172,14 +172,20 @@ impl FinishedRun {
         Ok(None)
     }
 
-    /// Runs an episode of the policy in a scene. `each` sees the environment at the start and after every step. Returns
+    /// Runs episode `index` of the policy in a scene. `each` sees the environment at the start and after every step. Returns
     /// whether the episode succeeded.
     ///
     /// # Errors
     /// [`TrainError::Sim`], also for an episode that diverges.
-    pub fn watch(&self, scene: usize, seed: u64, mut each: impl FnMut(&GraspEnv)) -> Result<bool, TrainError> {
+    pub fn watch(
+        &self,
+        scene: usize,
+        seed: u64,
+        index: u64,
+        mut each: impl FnMut(&GraspEnv),
+    ) -> Result<bool, TrainError> {
         let mut env = GraspEnv::new(&self.task)?;
-        let job = self.pictured(scene, seed, 0);
+        let job = self.pictured(scene, seed, index);
         let episode = run_episode(&mut env, &mut self.policy.scratch(), &job)?;
         // The same start, and the same actions.
         env.reset(scene, &mut job.start())?;

@@ -3,7 +3,7 @@
   const data = JSON.parse(document.getElementById("data").textContent);
   const byId = (id) => document.getElementById(id);
   const all = data.numbers.length;
-  const state = { z: new Array(all).fill(0), count: all, grasp: 0, degrees: true };
+  const state = { z: new Array(all).fill(0), count: all, grasp: 0, degrees: true, frame: null };
 
   // The numbers, and what they decode to.
 
@@ -14,6 +14,18 @@
   const numbers = () => state.z.map((number, i) => (i < state.count ? number : 0));
   const joints = () => affine(data.joints, numbers());
   const commands = () => (data.commands ? affine(data.commands, numbers()) : []);
+  // The second synergy: its sliders stand where those of the first do, as shares of their ranges.
+  const other = data.beside && { ...data.beside, z: new Array(data.beside.numbers.length).fill(0) };
+  const otherJoints = () => {
+    const q = affine(other.joints, other.z.map((number, i) => (i < state.count ? number : 0)));
+    return data.joints.names.map((name) => q[other.joints.names.indexOf(name)] ?? 0);
+  };
+  const follow = (i) => {
+    if (!other || i >= other.z.length) return;
+    const [from, to] = [data.numbers[i], other.numbers[i]];
+    const share = state.z[i] < 0 ? state.z[i] / from.least : state.z[i] / from.greatest;
+    other.z[i] = share * (state.z[i] < 0 ? to.least : to.greatest);
+  };
   const named = (map, values) => Object.fromEntries(map.names.map((name, j) => [name, values[j]]));
 
   // Where the parts are: a part moves with its parent, then by each of its joints. A motion is a rotation matrix, row by row,
@@ -133,14 +145,16 @@
       gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
       return made;
     };
-    const surfaces = data.surfaces.map((surface) => {
+    const load = (surface) => {
       const corners = unpack(surface);
-      return { ...surface, n: corners.length / 3, values: corners, corner: buffer(corners), normal: buffer(normals(corners)) };
-    });
+      return { ...surface, n: corners.length / 3, corner: buffer(corners), normal: buffer(normals(corners)) };
+    };
+    const surfaces = data.surfaces.map(load);
+    const objects = data.recordings.map((recording) => load(recording.surface));
     const uniform = Object.fromEntries(
       ["motion", "view", "colour", "eye"].map((name) => [name, gl.getUniformLocation(program, name)]));
     const attribute = Object.fromEntries(["corner", "normal"].map((name) => [name, gl.getAttribLocation(program, name)]));
-    return { surfaces, uniform, attribute };
+    return { surfaces, objects, uniform, attribute };
   }
 
   // The camera looks at the middle of palm and fingers; a forearm may leave the view.
@@ -176,7 +190,9 @@
     const right = [-sa, ca, 0];
     const up = [-se * ca, -se * sa, ce];
     const half = 0.3;
-    const distance = (reach.radius * camera.zoom * 1.05) / Math.sin(half) / Math.min(1, width / height);
+    // Two hands need twice the width.
+    const wide = other ? 2 : 1;
+    const distance = (reach.radius * camera.zoom * 1.05) / Math.sin(half) / Math.min(1, width / height / wide);
     const at = reach.middle.map((x, axis) => x + eye[axis] * distance);
     const f = 1 / Math.tan(half);
     const [near, far] = [distance / 50, distance * 4];
@@ -196,9 +212,20 @@
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.uniformMatrix4fv(scene.uniform.view, false, columns);
     gl.uniform3fv(scene.uniform.eye, eye);
-    const found = motions(joints());
-    for (const surface of scene.surfaces) {
-      const { r, t } = found[surface.part];
+    const aside = (side) => right.map((x) => x * side * reach.radius * 1.05);
+    if (other) {
+      paint(scene.surfaces, motions(joints()), aside(-1));
+      paint(scene.surfaces, motions(otherJoints()), aside(1));
+    } else {
+      paint(scene.surfaces, motions(state.frame ? state.frame.q : joints()), [0, 0, 0]);
+      if (state.frame) paint([{ ...scene.objects[state.frame.recording], part: 0 }], [state.frame], [0, 0, 0]);
+    }
+  }
+
+  function paint(surfaces, found, shift) {
+    for (const surface of surfaces) {
+      const { r } = found[surface.part];
+      const t = found[surface.part].t.map((x, axis) => x + shift[axis]);
       gl.uniformMatrix4fv(scene.uniform.motion, false,
         [r[0], r[3], r[6], 0, r[1], r[4], r[7], 0, r[2], r[5], r[8], 0, t[0], t[1], t[2], 1]);
       gl.uniform3fv(scene.uniform.colour, surface.colour);
@@ -233,6 +260,7 @@
     input.addEventListener("input", () => {
       stop();
       state.z[i] = Number(input.value);
+      follow(i);
       update();
     });
     box.append(label, input);
@@ -296,9 +324,13 @@
     return exact.length ? exact : data.grasps.filter((grasp) => grasp.numbers > state.count);
   };
   const moment = (grasp, name) => state.z.map((_, i) => grasp[name].z[i] ?? 0);
+  // The grasp of the same object with the other synergy.
+  const twin = (grasp) => other && other.grasps.find((one) => one.object === grasp.object && one.numbers >= state.count);
   let running = 0;
   function stop() {
     running += 1;
+    state.frame = null;
+    byId("replayed").textContent = "";
   }
   async function go(names) {
     stop();
@@ -308,11 +340,15 @@
     const still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     for (const name of names) {
       const [from, to] = [[...state.z], moment(grasp, name)];
+      const second = twin(grasp);
+      const [otherFrom, otherTo] = second ? [[...other.z], other.z.map((_, i) => second[name].z[i] ?? 0)] : [[], []];
       const [start, span] = [performance.now(), still ? 0 : 700];
       for (let share = 0; share < 1;) {
         share = span === 0 ? 1 : Math.min(1, (performance.now() - start) / span);
         const eased = share * share * (3 - 2 * share);
         state.z = from.map((x, i) => x + eased * (to[i] - x));
+        if (second) other.z = otherFrom.map((x, i) => x + eased * (otherTo[i] - x));
+        else if (other) state.z.forEach((_, i) => follow(i));
         update();
         if (share < 1) await new Promise(requestAnimationFrame);
         if (mine !== running) return;
@@ -326,9 +362,43 @@
     state.grasp = (state.grasp + 1) % Math.max(1, grasps().length);
     go(["open", "closed", "held"]);
   });
+  // A recorded episode shows the hand as it was measured, with its object; the sliders show the numbers of the commands.
+  const show = (recording, step) => {
+    const { object, success, period, frames } = data.recordings[recording];
+    const frame = frames[step];
+    state.frame = { ...frame, recording };
+    state.z = state.z.map((_, i) => frame.z[i] ?? 0);
+    const outcome = step + 1 === frames.length ? (success ? ", success" : ", failure") : "";
+    byId("replayed").textContent = `${object}, ${(period * step).toFixed(1)} s${outcome}`;
+    update();
+  };
+  byId("recordings").hidden = data.recordings.length === 0 || Boolean(other);
+  data.recordings.forEach((recording, i) => byId("recording").add(new Option(recording.object, i)));
+  byId("replay").addEventListener("click", async () => {
+    stop();
+    const mine = running;
+    const recording = Number(byId("recording").value);
+    const { frames, period } = data.recordings[recording];
+    const start = performance.now();
+    for (let step = 0; step + 1 < frames.length;) {
+      step = Math.min(frames.length - 1, Math.floor((performance.now() - start) / 1000 / period));
+      show(recording, step);
+      await new Promise(requestAnimationFrame);
+      if (mine !== running) return;
+    }
+  });
+  if (other) {
+    byId("sides").hidden = false;
+    for (const title of [data.title, other.title]) {
+      const side = document.createElement("span");
+      side.textContent = title;
+      byId("sides").append(side);
+    }
+  }
   byId("mean").addEventListener("click", () => {
     stop();
     state.z = state.z.map(() => 0);
+    if (other) other.z = other.z.map(() => 0);
     update();
   });
   for (const id of ["open", "close", "play", "next"]) byId(id).hidden = data.grasps.length === 0;
@@ -402,8 +472,20 @@
     set: (z) => {
       stop();
       state.z = state.z.map((_, i) => z[i] ?? 0);
+      state.z.forEach((_, i) => follow(i));
       update();
     },
+    show,
+    // Where the hand's fingertips and the object's first corner are in the frame that is shown.
+    shown: () => {
+      const found = motions(state.frame.q);
+      const corner = unpack(data.recordings[state.frame.recording].surface).slice(0, 3);
+      return {
+        tips: Object.fromEntries(data.tips.map((tip) => [tip.name, place(found[tip.part], tip.at)])),
+        corner: place(state.frame, [...corner]),
+      };
+    },
+    other: () => (other ? named(data.joints, otherJoints()) : null),
     joints: () => named(data.joints, joints()),
     commands: () => (data.commands ? named(data.commands, commands()) : null),
     tips,
