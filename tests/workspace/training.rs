@@ -3,7 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::Command;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use eigenhand_hands::Hand;
 use eigenhand_rl::EpisodeData;
@@ -421,4 +422,33 @@ fn a_run_directory_holds_what_it_should_and_no_half_written_file() {
     let again = catch_unwind(AssertUnwindSafe(|| run.start(&tiny(&[]), &AtomicBool::new(false), &mut Silent)));
     assert!(again.is_err());
     assert!(config == run.bytes("config.toml"));
+}
+
+/// Stops the run when its final evaluation begins.
+struct StopInEvaluation<'a> {
+    stop: &'a AtomicBool,
+}
+
+impl Progress for StopInEvaluation<'_> {
+    fn update(&mut self, _status: &Status) {}
+
+    fn note(&mut self, line: &str) {
+        if line.starts_with("final evaluation") {
+            self.stop.store(true, Ordering::Relaxed);
+            // Until the flag has been seen.
+            std::thread::sleep(Duration::from_millis(200));
+        }
+    }
+}
+
+#[test]
+fn a_run_stopped_in_its_final_evaluation_goes_on_to_the_same_end() {
+    let config = tiny(&[]);
+    let whole = Run::new(gripper());
+    let summary = whole.train(&config);
+    let (run, stop) = (Run::new(gripper()), AtomicBool::new(false));
+    let stopped = run.start(&config, &stop, &mut StopInEvaluation { stop: &stop });
+    assert_eq!(stopped.stopped_by, StoppedBy::Interrupt);
+    assert_eq!((stopped.success_rate, stopped.episodes), (None, config.episodes));
+    assert_same((&whole, summary), (&run, run.resume_to_the_end()));
 }

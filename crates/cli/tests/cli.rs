@@ -195,6 +195,17 @@ fn a_run_is_trained_extended_evaluated_and_exported() {
     assert_eq!(extended["episodes"], 12);
     let config = std::fs::read_to_string(out.join("config.toml")).unwrap();
     assert!(config.contains("\nepisodes = 12\n") && config.contains("\nworkers = 1\n"), "{config}");
+    // A complete run that is resumed stays as it is.
+    let files = || -> Vec<(PathBuf, std::time::SystemTime)> {
+        let entries = std::fs::read_dir(&out).unwrap().map(|entry| entry.unwrap());
+        let mut files: Vec<_> = entries.map(|e| (e.path(), e.metadata().unwrap().modified().unwrap())).collect();
+        files.sort();
+        files
+    };
+    let before = files();
+    let resumed = run(&["train", "--resume", out_text, "--json"]);
+    assert!(stderr(&resumed).contains("complete, and stays as it is"), "{}", stderr(&resumed));
+    assert_eq!((json(&resumed), files()), (extended, before));
     let fewer = run(&["train", "--resume", out_text, "--episodes", "5", "--quiet"]);
     assert_error(&fewer, USAGE, &["--episodes 5", "12 episodes already"]);
 
@@ -257,7 +268,8 @@ fn a_policy_acts_in_a_given_synergy() {
         eigenhand().args(arguments).output().unwrap()
     };
     let other = place.path().join("other");
-    assert_error(&acts("parallel", &other, "2"), FAILURE, &["commands the actuators", "the hand parallel has"]);
+    assert_error(&acts("parallel", &other, "1"), FAILURE, &["commands the actuators", "the hand parallel has"]);
+    assert_error(&acts("parallel", &other, "2"), USAGE, &["components = 2", "at most 1"]);
     assert_error(&acts("shadow", &other, "9"), FAILURE, &["it has 5 components, fewer than the 9"]);
     assert!(!other.exists());
     let trained = acts("shadow", &out, "2");
@@ -480,6 +492,8 @@ fn damage_is_named_and_nothing_is_lost() {
     arguments.extend(["--episodes", "8", "--quiet", "--plugins", plugins_text].map(str::to_owned));
     assert!(eigenhand().args(&arguments).output().unwrap().status.success());
     let resume = || run(&["train", "--resume", out_text, "--plugins", plugins_text, "--quiet"]);
+    let resume_longer =
+        || run(&["train", "--resume", out_text, "--plugins", plugins_text, "--quiet", "--episodes", "12"]);
 
     let learner = out.join("checkpoints/episode-00000008/learner.safetensors");
     let sound = std::fs::read(&learner).unwrap();
@@ -487,7 +501,7 @@ fn damage_is_named_and_nothing_is_lost() {
     *damaged.last_mut().unwrap() ^= 1;
     std::fs::write(&learner, &damaged).unwrap();
     let older = "checkpoints/episode-00000004";
-    assert_error(&resume(), FAILURE, &["learner.safetensors is damaged", older]);
+    assert_error(&resume_longer(), FAILURE, &["learner.safetensors is damaged", older]);
     assert_eq!(std::fs::read(&learner).unwrap(), damaged, "nothing was changed");
     assert!(out.join(older).is_dir());
     std::fs::write(&learner, sound).unwrap();

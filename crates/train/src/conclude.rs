@@ -1,6 +1,7 @@
 //! The end of a run: choosing its policy, the final evaluation, the products and the summary.
 
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use eigenhand_rl::{ActionMap, Policy};
 use eigenhand_sim::GraspTask;
@@ -21,6 +22,47 @@ use crate::stress::Stress;
 use crate::summary::{OtherObjects, StoppedBy, Summary};
 use crate::trainer::Trainer;
 
+/// Time between two looks at the flag that stops a run.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// What the end of a run measures.
+struct Measured {
+    policy: Policy,
+    policy_episode: u64,
+    motions: Vec<MotionRecord>,
+    with_fewer: Vec<(usize, Vec<MotionRecord>)>,
+    described: Vec<MotionRecord>,
+    evaluation: Option<Evaluation>,
+    success_with_components: Vec<f64>,
+    other_objects: Option<OtherObjects>,
+}
+
+/// Sets a flag when it is dropped.
+struct SetAtEnd<'a>(&'a AtomicBool);
+
+impl Drop for SetAtEnd<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Works, and sets `halt` as soon as `stop` is set.
+fn halted_on<T>(stop: &AtomicBool, halt: &AtomicBool, work: impl FnOnce() -> T) -> T {
+    let done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            while !done.load(Ordering::Relaxed) {
+                if stop.load(Ordering::Relaxed) {
+                    halt.store(true, Ordering::Relaxed);
+                }
+                std::thread::sleep(LOOK);
+            }
+        });
+        let _end = SetAtEnd(&done);
+        work()
+    })
+}
+
 impl Trainer {
     /// Trains until all episodes are done or `stop` is set, then evaluates and exports.
     ///
@@ -30,11 +72,25 @@ impl Trainer {
         self.train(stop, progress)?;
         let complete = self.counters.episodes >= self.assignment.config.episodes && !stop.load(Ordering::Relaxed);
         progress.finish();
-        self.conclude(complete, progress)
+        if !complete {
+            let measured = self.measure(false, progress)?;
+            return self.write(measured, false);
+        }
+        let halt = self.pool.halt();
+        match halted_on(stop, &halt, || self.measure(true, progress)) {
+            Err(TrainError::Stopped) => {
+                halt.store(false, Ordering::Relaxed);
+                progress
+                    .note("interrupted: everything is saved; the final evaluation begins anew when the run continues");
+                let measured = self.measure(false, progress)?;
+                self.write(measured, false)
+            }
+            measured => self.write(measured?, true),
+        }
     }
 
-    /// Chooses the policy, evaluates it if the run is `complete`, and writes products and summary.
-    fn conclude(mut self, complete: bool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
+    /// Chooses the policy, and evaluates it if the run is `complete`.
+    fn measure(&mut self, complete: bool, progress: &mut dyn Progress) -> Result<Measured, TrainError> {
         let (policy, policy_episode) = self.choose_policy(complete, progress)?;
         let motions = self.motions_of(&policy, complete)?;
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
@@ -74,6 +130,30 @@ impl Trainer {
                 progress.note(&format!("with other objects: {:.1} %", 100.0 * others.success_rate));
             }
         }
+        Ok(Measured {
+            policy,
+            policy_episode,
+            motions,
+            with_fewer,
+            described,
+            evaluation,
+            success_with_components,
+            other_objects,
+        })
+    }
+
+    /// Writes products and summary.
+    fn write(self, measured: Measured, complete: bool) -> Result<Summary, TrainError> {
+        let Measured {
+            policy,
+            policy_episode,
+            motions,
+            with_fewer,
+            described,
+            evaluation,
+            success_with_components,
+            other_objects,
+        } = measured;
         let wall_s = self.wall_s();
         let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
         // The export simulates too. Besides replay, the threads' simulations take most of the memory.
@@ -154,7 +234,7 @@ impl Trainer {
     ) -> Result<Option<OtherObjects>, TrainError> {
         let Assignment { config, other_task, .. } = &self.assignment;
         let Some(task) = other_task else { return Ok(None) };
-        let mut pool = WorkerPool::new(task, config.worker_count())?;
+        let mut pool = WorkerPool::halted_by(self.pool.halt(), task, config.worker_count())?;
         let (seed, stream, episodes) = (config.seed, EvaluationStream::Final, config.evaluation.final_episodes);
         let found = evaluate(&mut pool, task, policy, seed, stream, 0..episodes)?;
         let with_components = space.map(|space| {

@@ -89,6 +89,9 @@ pub enum TrainError {
         /// A smaller learning rate of the critic.
         suggested_critic_lr: f32,
     },
+    /// The simulation was told to stop.
+    #[error("stopped")]
+    Stopped,
     /// A simulation thread ended.
     #[error("a simulation thread ended unexpectedly (its message is above); continue the run with --resume")]
     WorkerLost,

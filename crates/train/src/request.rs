@@ -15,6 +15,7 @@ use crate::action_space::SynergySpace;
 use crate::assignment::Assignment;
 use crate::config::{ConfigError, Layers, Preset, RunConfig, parse_settings, read_layer};
 use crate::error::TrainError;
+use crate::finished::FinishedRun;
 use crate::hands::{check_contract, check_digest, hand_named};
 use crate::logging::{Logged, RunLog};
 use crate::progress::Progress;
@@ -115,8 +116,15 @@ pub struct Plan {
 /// A run that is ready to train.
 pub struct Launch {
     plan: Plan,
-    trainer: Trainer,
-    _log: RunLog,
+    work: Work,
+}
+
+/// What is left to do.
+enum Work {
+    /// The log is written while it lives.
+    Training(Box<Trainer>, #[expect(dead_code, reason = "held")] RunLog),
+    /// Nothing: these are the results.
+    Complete(Box<Summary>),
 }
 
 impl Launch {
@@ -143,7 +151,7 @@ impl Launch {
         let mut plan = Plan::of(&config, &hand, &library, run.path());
         let trainer = Trainer::create(Assignment { config, provenance, hand, task, other_task, space, run })?;
         plan.episodes_done = trainer.counters.episodes;
-        Ok(Launch { plan, trainer, _log: log })
+        Ok(Launch { plan, work: Work::Training(Box::new(trainer), log) })
     }
 
     /// Prepares to continue a run from its newest checkpoint.
@@ -166,6 +174,15 @@ impl Launch {
             reason: invalid.to_string(),
         })?;
         let library = MuJoCo::load()?;
+        let results = Summary::read(run.path())?;
+        // Results that cannot be read are written again.
+        let are_sound =
+            || FinishedRun::open(&request.run, &request.hands, &[]).and_then(|run| run.control_synergy()).is_ok();
+        let complete = |results: &Summary| results.is_complete() && results.episodes == config.episodes && are_sound();
+        if let Some(summary) = results.filter(complete) {
+            let plan = Plan { episodes_done: summary.episodes, ..Plan::of(&config, &hand, &library, run.path()) };
+            return Ok(Launch { plan, work: Work::Complete(Box::new(summary)) });
+        }
         let task = task_of(&config, &hand, &library)?;
         let other_task = other_task_of(&config, &hand, &library, &task)?;
         let log = RunLog::start(run.path())?;
@@ -182,7 +199,7 @@ impl Launch {
         if request.episodes.is_some() || request.tensorboard.is_some() {
             write_atomically(&request.run.join(CONFIG), stored.to_toml()?.as_bytes())?;
         }
-        Ok(Launch { plan, trainer, _log: log })
+        Ok(Launch { plan, work: Work::Training(Box::new(trainer), log) })
     }
 
     /// Returns the overview of the run.
@@ -190,16 +207,24 @@ impl Launch {
         &self.plan
     }
 
-    /// Trains, evaluates and exports.
+    /// Trains, evaluates and exports. A run that is complete stays as it is, if its results can be read.
     ///
     /// # Errors
     /// As [`Trainer::run`]; the error is also written to the run's log.
     pub fn run(self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<Summary, TrainError> {
         let Plan { hand, episodes, episodes_done, workers, mujoco_version, .. } = &self.plan;
+        let trainer = match self.work {
+            Work::Training(trainer, _) => trainer,
+            Work::Complete(summary) => {
+                progress.finish();
+                progress.note("the run is complete, and stays as it is; more --episodes continue it");
+                return Ok(*summary);
+            }
+        };
         tracing::info!(
             "training {hand}: episodes {episodes_done} to {episodes}, {workers} workers, MuJoCo {mujoco_version}"
         );
-        let outcome = self.trainer.run(stop, &mut Logged::new(&self.plan.run, progress));
+        let outcome = trainer.run(stop, &mut Logged::new(&self.plan.run, progress));
         match &outcome {
             Ok(summary) => tracing::info!(
                 "stopped by {}: {} episodes, success {}, {} postures, {} diverged, {} full buffers",
@@ -258,8 +283,8 @@ pub fn resolve(request: &NewRun) -> Result<(RunConfig, Hand), TrainError> {
             return Ok((named_by_path(config, &hand, &registry), hand));
         };
         let reason = format!(
-            "synergy.components = {} is not allowed: the hand {} has {directions} actuators without the slide, so at most \
-             {directions} numbers can command it",
+            "synergy.components = {} is not allowed: for the hand {}, expected at most {directions}, one for each actuator without \
+             the slide",
             config.synergy.components, hand.manifest.name
         );
         return Err(ConfigError::Value { origin, reason }.into());

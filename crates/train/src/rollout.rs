@@ -2,6 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use crossbeam_channel::{Receiver, Sender, unbounded};
@@ -212,6 +213,7 @@ pub struct WorkerPool {
     results: Receiver<Result<Episode, TrainError>>,
     threads: Vec<JoinHandle<()>>,
     pending: usize,
+    halt: Arc<AtomicBool>,
 }
 
 impl WorkerPool {
@@ -220,14 +222,28 @@ impl WorkerPool {
     /// # Errors
     /// [`TrainError::Sim`] when an environment cannot be allocated, [`TrainError::Thread`] when a thread cannot start.
     pub fn new(task: &Arc<GraspTask>, count: usize) -> Result<WorkerPool, TrainError> {
+        Self::halted_by(Arc::default(), task, count)
+    }
+
+    /// Starts `count` threads that leave out all episodes while `halt` is set.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn halted_by(halt: Arc<AtomicBool>, task: &Arc<GraspTask>, count: usize) -> Result<WorkerPool, TrainError> {
         let (jobs, inbox) = unbounded::<EpisodeJob>();
         let (outbox, results) = unbounded();
         let mut threads = Vec::with_capacity(count);
         for number in 0..count.max(1) {
             let mut env = GraspEnv::new(task)?;
-            let (inbox, outbox) = (inbox.clone(), outbox.clone());
+            let (inbox, outbox, halt) = (inbox.clone(), outbox.clone(), Arc::clone(&halt));
             let body = move || {
                 for job in inbox {
+                    if halt.load(Ordering::Relaxed) {
+                        if outbox.send(Err(TrainError::Stopped)).is_err() {
+                            break;
+                        }
+                        continue;
+                    }
                     // The policies of a run differ in size once they act in its synergy.
                     let mut scratch = job.policy.scratch();
                     // A panic is a defect. Without this report, `collect` would wait for ever.
@@ -244,7 +260,12 @@ impl WorkerPool {
                 .map_err(|source| TrainError::Thread { source })?;
             threads.push(thread);
         }
-        Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0 })
+        Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0, halt })
+    }
+
+    /// Returns the flag that makes the threads leave out their episodes; [`collect`](Self::collect) then fails.
+    pub fn halt(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.halt)
     }
 
     /// Submits episodes to the threads.
@@ -262,13 +283,22 @@ impl WorkerPool {
     /// Waits for all submitted episodes, and returns them in the order of their numbers.
     ///
     /// # Errors
-    /// The first error of a thread; [`TrainError::WorkerLost`] when a thread has ended.
+    /// The first error of a thread, [`TrainError::Stopped`] if episodes were left out, [`TrainError::WorkerLost`] when a thread
+    /// has ended.
     pub fn collect(&mut self) -> Result<Vec<Episode>, TrainError> {
         let mut episodes = Vec::with_capacity(self.pending);
+        let mut stopped = false;
         while self.pending > 0 {
             let episode = self.results.recv().map_err(|_| TrainError::WorkerLost)?;
             self.pending -= 1;
-            episodes.push(episode?);
+            match episode {
+                // The others are waited for, so that the next collection has its own episodes.
+                Err(TrainError::Stopped) => stopped = true,
+                episode => episodes.push(episode?),
+            }
+        }
+        if stopped {
+            return Err(TrainError::Stopped);
         }
         episodes.sort_by_key(|episode| episode.index);
         Ok(episodes)
