@@ -37,12 +37,19 @@ def report(moment, actuators, command, joints, posture):
 
 
 def main(directory, name):
-    synergy = tomllib.loads((pathlib.Path(directory) / "synergy.toml").read_text())
+    path = pathlib.Path(directory) / "synergy.toml"
+    if not path.is_file():
+        sys.exit(f"there is no {path}: name a directory with synergy.toml, such as synergies/shadow or EXPORT/synergy")
+    synergy = tomllib.loads(path.read_text())
+    if synergy["space"] != "commands":
+        sys.exit(f"{path} is a synergy of end postures, and a control synergy is needed")
     actuators, joint_map = synergy["actuators"], synergy["joint_map"]
     mean, components = np.array(synergy["mean"]), np.array(synergy["components"])
     joint_mean, joint_matrix = np.array(joint_map["mean"]), np.array(joint_map["matrix"])
     k = len(components)
-    grasp = next(g for g in synergy["grasps"] if g["object"] == name and g["numbers"] == k)
+    grasp = next((g for g in synergy["grasps"] if g["object"] == name and g["numbers"] == k), None)
+    if grasp is None:
+        sys.exit(f"there is no grasp of {name}")
     names = [actuator["name"] for actuator in actuators]
 
     way = [(CLOSE, "open", "closed"), (SQUEEZE, "closed", "held")]

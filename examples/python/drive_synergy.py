@@ -74,6 +74,8 @@ def main():
     references = {reference["object"]: reference for reference in read_references(arguments.export)}
     lifts = []
     for name in [arguments.object] if arguments.object else synergy.objects:
+        if name not in references:
+            raise ValueError(f"unknown object {name}; the export has {', '.join(references)}")
         lifts.append(drive(arguments.export, synergy, policy, references[name], arguments.render))
         print(f"{name}: lifted by {100 * lifts[-1]:.1f} cm")
     lifted = sum(lift >= LEAST_LIFT for lift in lifts)
@@ -82,4 +84,7 @@ def main():
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except (ValueError, OSError) as error:
+        sys.exit(f"drive_synergy: {error}")

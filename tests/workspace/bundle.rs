@@ -1,6 +1,8 @@
 //! What an export holds for other programs (arrays, the policy as ONNX, motors, files for ROS 2, digests), and pictures of a run.
 
-use eigenhand_bundle::{Bundle, MOTORS, write};
+use std::path::Path;
+
+use eigenhand_bundle::{Bundle, BundleError, MOTORS, export};
 use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_render::{Film, grasp};
 use eigenhand_synergy::{Compared, Comparison, JointInfo, Synergy, SynergyFile, Unit};
@@ -32,7 +34,6 @@ impl Exported {
         hands.push(plugins.path(), "the test");
         let run = FinishedRun::open(&trained.path, &hands, &[]).unwrap();
         let out = TempDir::new().unwrap();
-        run.export(out.path()).unwrap();
         Exported { run, out, _trained: trained, _plugins: plugins }
     }
 
@@ -40,7 +41,8 @@ impl Exported {
         self.run.control_synergy().unwrap().unwrap()
     }
 
-    fn write(&self) -> Result<Vec<std::path::PathBuf>, eigenhand_bundle::BundleError> {
+    /// Exports anew, as the command does.
+    fn write(&self) -> Result<eigenhand_bundle::Exported, BundleError> {
         let bundle = Bundle {
             hand: &self.run.hand,
             synergy: Some(&self.synergy()),
@@ -48,7 +50,10 @@ impl Exported {
             normalizer: self.run.config.learner.normalizer,
             version: "1.2.3",
         };
-        write(&bundle, self.out.path())
+        export(&bundle, self.out.path(), |staging| {
+            self.run.export(staging).unwrap();
+            Ok(())
+        })
     }
 }
 
@@ -58,7 +63,7 @@ fn other_programs_read_an_export_as_this_one_does() {
         return;
     }
     let exported = Exported::new();
-    let files = exported.write().unwrap();
+    let files = exported.write().unwrap().files;
     for name in ["policy.onnx", "synergy.npz", MOTORS, "ros2/grasp_profiles.yaml", "README.md", "manifest.json"] {
         assert!(files.contains(&exported.out.path().join(name)), "{name}: {files:?}");
     }
@@ -130,7 +135,7 @@ print(json.dumps("good"))
     let good: String = answer(script, exported.out.path());
     assert_eq!(good, "good");
     let readme = std::fs::read_to_string(exported.out.path().join("README.md")).unwrap();
-    assert!(readme.starts_with("# gripper\n\n2 numbers that drive the 2 actuators"), "{readme}");
+    assert!(readme.starts_with("# gripper\n\n2 numbers for the 2 actuators"), "{readme}");
 }
 
 #[test]
@@ -142,8 +147,10 @@ fn an_export_keeps_the_motors_that_their_owner_filled_in() {
     let changed = text.replacen("sign = 1", "sign = -1", 1);
     assert_ne!(text, changed);
     std::fs::write(&motors, &changed).unwrap();
-    exported.run.export(exported.out.path()).unwrap();
-    exported.write().unwrap();
+    assert!(
+        exported.write().unwrap().notes.iter().all(|note| note.contains("reaches")),
+        "the way is turned, so limits cut it off"
+    );
     assert_eq!(std::fs::read_to_string(&motors).unwrap(), changed);
 
     std::fs::write(&motors, text.replacen("sign = 1", "sign = 0", 1)).unwrap();
@@ -151,6 +158,58 @@ fn an_export_keeps_the_motors_that_their_owner_filled_in() {
     assert!(
         error.contains("motors.toml: sign of the motor of") && error.contains("expected 1 or -1, got 0"),
         "{error}"
+    );
+}
+
+/// What an earlier export wrote and the new one does not is gone; the owner's own files stay, and the manifest does not name them.
+#[test]
+fn an_export_leaves_no_file_of_an_earlier_one() {
+    let exported = Exported::new();
+    exported.write().unwrap();
+    let out = exported.out.path();
+    let manifest = |out: &Path| -> serde_json::Value {
+        serde_json::from_slice(&std::fs::read(out.join("manifest.json")).unwrap()).unwrap()
+    };
+    // A file of an earlier export with another object.
+    let mut earlier = manifest(out);
+    std::fs::write(out.join("scenes/moon.xml"), "<mujoco/>").unwrap();
+    std::fs::write(out.join("notes.txt"), "mine").unwrap();
+    std::fs::write(out.join("ros2/grasp_profiles.yaml"), "with my joints").unwrap();
+    let outside = out.with_extension("outside");
+    std::fs::write(&outside, "not of an export").unwrap();
+    let beyond = format!("../{}", outside.file_name().unwrap().to_str().unwrap());
+    for path in ["scenes/moon.xml", &beyond] {
+        let digest = eigenhand_files::sha256(b"<mujoco/>");
+        let entry = serde_json::json!({ "path": path, "bytes": 1, "sha256": digest });
+        earlier["files"].as_array_mut().unwrap().push(entry);
+    }
+    std::fs::write(out.join("manifest.json"), earlier.to_string()).unwrap();
+    let eigenhand_bundle::Exported { files, notes } = exported.write().unwrap();
+    assert!(!out.join("scenes/moon.xml").exists());
+    assert_eq!(std::fs::read_to_string(out.join("notes.txt")).unwrap(), "mine");
+    assert!(outside.exists(), "a manifest reaches no file outside its directory");
+    std::fs::remove_file(&outside).unwrap();
+    assert_eq!(notes, ["ros2/grasp_profiles.yaml had been changed: it is kept as ros2/grasp_profiles.yaml.edited"]);
+    let edited = std::fs::read_to_string(out.join("ros2/grasp_profiles.yaml.edited")).unwrap();
+    assert_eq!(edited, "with my joints");
+    let named = manifest(out).to_string();
+    assert!(!named.contains("notes.txt") && named.contains("scenes/cube.xml"), "{named}");
+    assert!(files.iter().all(|file| file.is_file() && !file.ends_with("notes.txt")));
+
+    // A run that cannot be exported leaves the earlier export as it was.
+    let before = manifest(out);
+    let bundle = Bundle {
+        hand: &exported.run.hand,
+        synergy: None,
+        policy: &exported.run.policy,
+        normalizer: exported.run.config.learner.normalizer,
+        version: "2",
+    };
+    let failed = export(&bundle, out, |_| Err(std::io::Error::other("no database").into()));
+    assert!(failed.is_err_and(|error: BundleError| error.to_string().contains("no database")));
+    assert_eq!(manifest(out), before);
+    assert!(
+        before["files"].as_array().unwrap().iter().all(|entry| out.join(entry["path"].as_str().unwrap()).is_file())
     );
 }
 

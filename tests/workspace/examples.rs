@@ -45,6 +45,7 @@ fn control_loops_in_python_cpp_and_rust_command_the_same() {
     let expected = numbers(&mut rust_example(), &synergy);
     let file = SynergyFile::read(synergy.join("synergy.toml")).unwrap();
     let joint_map = file.joint_map.unwrap();
+    assert_eq!(joint_map.free, ["slide"], "the arm does not count in a measured posture");
     let (n, m, k) = (file.synergy.n_joints(), joint_map.joints.len(), file.synergy.n_components());
     // The numbers of both parts' ends, and those of the measured posture.
     assert_eq!(expected.len(), 4 * (n + m) + k);

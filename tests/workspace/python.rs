@@ -332,6 +332,29 @@ def numbers(_, action):
     z = synergy.encode_command(low + (action[1:] + 1) / 2 * (high - low))
     return [action[0], *(2 * (z - synergy.z_low) / (synergy.z_high - synergy.z_low) - 1)]
 plain = episode("joints", lambda _, action: action)
+# A copy of an environment is an environment of its own.
+import copy
+env = make()
+env.reset(seed=1)
+twin = copy.deepcopy(env.unwrapped)
+first, second = env.unwrapped.reset(seed=5), twin.reset(seed=5)
+for _ in range(4):
+    assert np.array_equal(first[0]["observation"], second[0]["observation"])
+    moved = np.float32([0.5] * len(policy.actuators))
+    first, second = env.unwrapped.step(moved), twin.step(moved)
+# Batches, and numbers one after another.
+seen = [first[0]["observation"], second[0]["observation"] + 0.1]
+batch = policy.act(np.array(seen), np.zeros((2, 3)))
+assert np.allclose(batch, [policy.act(one, np.zeros(3)) for one in seen], atol=1e-6)
+told = policy.with_numbers(synergy.first(1)).with_numbers(synergy)
+assert np.array_equal(told.act(seen[0], np.zeros(3)), policy.with_numbers(synergy).act(seen[0], np.zeros(3)))
+for bad in (lambda: env.unwrapped.step(0.5), lambda: synergy.command([float("nan")]), lambda: policy.act(seen[0][:3], np.zeros(3)),
+        lambda: synergy.encode({"slide": 0.1}), lambda: synergy.first(9)):
+    try:
+        bad()
+    except ValueError:
+        continue
+    raise AssertionError("no error")
 wrong = []
 for refused in ({"action": "feet"}, {"numbers": 1}, {"objects": ["moon"]}, {"action": "synergy", "numbers": 9}):
     try:

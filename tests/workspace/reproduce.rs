@@ -31,7 +31,13 @@ impl Place {
         let varied = |setting: &&str| ["hand=", "workers=", "lambda="].iter().any(|key| setting.starts_with(key));
         NewRun {
             hand: Some(self.root.path().join("gripper").display().to_string()),
-            assignments: TINY.iter().filter(|setting| !varied(setting)).map(|setting| (*setting).to_owned()).collect(),
+            // The gripper has one actuator.
+            assignments: TINY
+                .iter()
+                .filter(|setting| !varied(setting))
+                .chain(&["synergy.components=1"])
+                .map(|setting| (*setting).to_owned())
+                .collect(),
             ..NewRun::default()
         }
     }

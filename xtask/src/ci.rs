@@ -40,9 +40,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     setup::ensure_mujoco(&args.install)?;
     // Packages come from the network while the processor looks for lints.
     let packages = std::thread::spawn(python::install);
-    step("format", &mut cargo(&["fmt", "--all", "--check"]))?;
-    step("lints", &mut cargo(&["clippy", "--workspace", "--all-targets", PROFILE, "--quiet", "--", "-D", "warnings"]))?;
-    packages.join().map_err(|_| anyhow!("the installation of the Python packages stopped"))??;
+    let lints = ["clippy", "--workspace", "--all-targets", PROFILE, "--quiet", "--", "-D", "warnings"];
+    let style =
+        step("format", &mut cargo(&["fmt", "--all", "--check"])).and_then(|()| step("lints", &mut cargo(&lints)));
+    // The installation ends in any case, so that it leaves no half-written environment.
+    let installed = packages.join().map_err(|_| anyhow!("the installation of the Python packages stopped"))?;
+    style.and(installed)?;
     let mut test = cargo(&["test", "--workspace", PROFILE, "--quiet"]);
     python::require_in(&mut test);
     step("tests", &mut test)?;
@@ -83,7 +86,7 @@ fn wheel() -> anyhow::Result<()> {
     let scratch = tempfile::tempdir().context("cannot make a temporary directory")?;
     let (environment, run) = (scratch.path().join("venv"), scratch.path().join("run"));
     let wheel = wheel::build(scratch.path())?;
-    step("wheel", Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
+    step("wheel's environment", Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
     let python = environment.join("bin/python");
     step("wheel installed", Command::new(&python).args(["-m", "pip", "install", "--quiet"]).arg(&wheel))?;
     let mut train = Command::new(environment.join("bin/eigenhand"));

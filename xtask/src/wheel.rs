@@ -11,9 +11,10 @@ use eigenhand_files::create_directory;
 use crate::cargo::{PROFILE, cargo};
 use crate::python;
 
-/// The Python package, and the program that goes with it.
+/// The Python package.
 const PACKAGE: &str = "./python";
-const PROGRAM: &str = "target/release/eigenhand";
+/// The program that goes with it; it is built beside this one.
+const PROGRAM: &str = "eigenhand";
 
 /// Builds a Python wheel that carries the program, the hands and the ready synergies
 #[derive(clap::Args)]
@@ -50,7 +51,8 @@ pub fn build(out: &Path) -> anyhow::Result<PathBuf> {
     let name = contents.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let scripts = contents.join(format!("{name}.data/scripts"));
     create_directory(&scripts)?;
-    fs::copy(PROGRAM, scripts.join("eigenhand")).with_context(|| format!("cannot copy {PROGRAM}"))?;
+    let program = std::env::current_exe().context("cannot find this program's own file")?.with_file_name(PROGRAM);
+    fs::copy(&program, scripts.join(PROGRAM)).with_context(|| format!("cannot copy {}", program.display()))?;
     let about = contents.join(format!("{name}.dist-info/WHEEL"));
     let written = fs::read_to_string(&about).with_context(|| format!("cannot read {}", about.display()))?;
     let tagged = written

@@ -1,6 +1,6 @@
 //! A run in the forms in which other programs take it: NumPy, ONNX, ROS 2, motors.
 //!
-//! [`write()`] adds to an exported run what follows from its synergy and its policy: one archive for NumPy, the policy as an
+//! [`export`] adds to an exported run what follows from its synergy and its policy: one archive for NumPy, the policy as an
 //! ONNX graph, profiles and trajectories for ROS 2, a map from commands to motors, a README, and the digests of all files.
 #![forbid(unsafe_code)]
 
@@ -13,9 +13,8 @@ mod ros2;
 
 use std::path::{Path, PathBuf};
 
-use eigenhand_files::{create_directory, write_atomically};
+use eigenhand_files::{cannot, create_directory, write_atomically};
 use eigenhand_hands::Hand;
-use eigenhand_posture::ActuationMap;
 use eigenhand_rl::{NormalizerConfig, Policy};
 use eigenhand_synergy::{MotorMap, SynergyFile};
 
@@ -39,56 +38,80 @@ pub struct Bundle<'a> {
     pub version: &'a str,
 }
 
-/// Adds the files of a bundle to a directory with an exported run, and returns all files of the directory. A `motors.toml` that
-/// is there stays as it is.
+/// An export that was written.
+#[derive(Debug)]
+pub struct Exported {
+    /// All its files.
+    pub files: Vec<PathBuf>,
+    /// What its owner should know.
+    pub notes: Vec<String>,
+}
+
+/// Writes an export into a directory: what `write_run` writes of a run, and the files of the bundle. A `motors.toml` that is there
+/// stays as it is; files of an earlier export that changed since get the suffix `.edited`, and the others are replaced.
+///
+/// Everything is written beside the directory first, so an error leaves an earlier export as it was.
 ///
 /// # Errors
-/// [`BundleError`]: a file cannot be written, or the `motors.toml` that is there does not fit the synergy.
-pub fn write(bundle: &Bundle, directory: &Path) -> Result<Vec<PathBuf>, BundleError> {
+/// Those of `write_run`. [`BundleError::Synergy`] for a `motors.toml` that does not fit the synergy, [`BundleError::File`].
+pub fn export<E: From<BundleError>>(
+    bundle: &Bundle,
+    directory: &Path,
+    write_run: impl FnOnce(&Path) -> Result<(), E>,
+) -> Result<Exported, E> {
+    let motors = directory.join(MOTORS);
+    let mut notes = Vec::new();
+    if let (Some(file), true) = (bundle.synergy, motors.exists()) {
+        let hand = &bundle.hand.manifest.name;
+        let map = MotorMap::read(&motors, hand, file.synergy.joints()).map_err(BundleError::from)?;
+        notes.extend(map.limited().into_iter().map(|(motor, share)| {
+            let percent = 100.0 * share;
+            format!("{MOTORS}: motor {} reaches {percent:.0} % of the range of {}", motor.id, motor.actuator)
+        }));
+    }
+    let complete = std::path::absolute(directory).map_err(cannot("find", directory)).map_err(BundleError::from)?;
+    let parent = complete.parent().unwrap_or(&complete);
+    create_directory(parent).map_err(BundleError::from)?;
+    let staging = tempfile::Builder::new().prefix(".export-").tempdir_in(parent);
+    let staging = staging.map_err(cannot("make a directory in", parent)).map_err(BundleError::from)?;
+    write_run(staging.path())?;
+    if motors.exists() {
+        let kept = staging.path().join(MOTORS);
+        std::fs::copy(&motors, &kept).map_err(cannot("copy", &motors)).map_err(BundleError::from)?;
+    }
+    write(bundle, staging.path())?;
+    notes.extend(manifest::replace(directory, staging.path())?);
+    Ok(Exported { files: manifest::files(directory)?, notes })
+}
+
+/// Adds the files of a bundle to a directory with an exported run. A `motors.toml` that is there stays as it is.
+fn write(bundle: &Bundle, directory: &Path) -> Result<(), BundleError> {
     let (hand, actuation) = (&bundle.hand.manifest.name, bundle.hand.actuation());
     let put = |name: &str, bytes: &[u8]| write_atomically(&directory.join(name), bytes);
     put("policy.onnx", &onnx::graph(bundle.policy, &bundle.normalizer, hand, bundle.version)?)?;
+    let mut example = None;
     if let Some(file) = bundle.synergy {
         put("synergy.npz", &numpy::archive(file)?)?;
-        let motors = directory.join(MOTORS);
-        if motors.exists() {
-            MotorMap::read(&motors, file.synergy.joints())?;
-        } else {
-            put(MOTORS, motor_map(bundle.hand, &actuation, file).to_toml(hand)?.as_bytes())?;
+        if !directory.join(MOTORS).exists() {
+            put(MOTORS, motor_map(bundle.hand, file).to_toml(hand)?.as_bytes())?;
         }
         if let Some(ros2) = Ros2::of(&actuation, file) {
             create_directory(&directory.join("ros2/trajectories"))?;
             put("ros2/grasp_profiles.yaml", ros2.profiles().as_bytes())?;
             for (name, trajectory) in ros2.trajectories() {
                 put(&format!("ros2/trajectories/{name}.json"), &serde_json::to_vec_pretty(&trajectory)?)?;
+                example = example.or(Some(name));
             }
         }
     }
-    put("README.md", readme::text(hand, bundle, directory).as_bytes())?;
-    let mut files = manifest::write(bundle, directory)?;
-    files.push(directory.join(manifest::NAME));
-    files.extend(Some(directory.join(MOTORS)).filter(|motors| motors.exists()));
-    Ok(files)
+    put("README.md", readme::text(bundle, directory, example.as_deref()).as_bytes())?;
+    manifest::write(bundle, directory)
 }
 
-/// Returns the motors that take the commands as they are, with the joints that move with each: those on which the actuator acts,
-/// and those that follow them.
-fn motor_map(hand: &Hand, actuation: &ActuationMap, file: &SynergyFile) -> MotorMap {
-    let moved = |actuator: &str| -> Vec<String> {
-        let row = actuation.actuators.iter().position(|name| name == actuator).map(|i| &actuation.matrix[i]);
-        let weights = row.into_iter().flatten();
-        let driven = hand.posture.iter().zip(weights).filter(|(_, weight)| **weight != 0.0);
-        let mut joints: Vec<String> = driven.map(|(joint, _)| joint.name.clone()).collect();
-        // Followers of followers are found as the list grows.
-        let mut next = 0;
-        while let Some(driver) = joints.get(next).cloned() {
-            let followers = hand.couplings.iter().filter(|coupling| coupling.driver.as_ref() == Some(&driver));
-            let followers: Vec<String> = followers.map(|coupling| coupling.dependent.clone()).collect();
-            joints.extend(followers.into_iter().filter(|name| !joints.contains(name)).collect::<Vec<_>>());
-            next += 1;
-        }
-        joints
-    };
+/// Returns the motors that take the commands as they are, with the joints that move with each.
+fn motor_map(hand: &Hand, file: &SynergyFile) -> MotorMap {
     let actuators = file.synergy.joints();
-    MotorMap::identity(actuators, &actuators.iter().map(|actuator| moved(&actuator.name)).collect::<Vec<_>>())
+    let joints: Vec<Vec<String>> =
+        actuators.iter().map(|actuator| hand.joints_moved_by(&actuator.name).unwrap_or_default()).collect();
+    MotorMap::identity(actuators, &joints)
 }

@@ -4,47 +4,72 @@ use std::path::Path;
 
 use crate::Bundle;
 
-/// Returns the text for the files that a directory has.
-pub fn text(hand: &str, bundle: &Bundle, directory: &Path) -> String {
+/// Returns the text for the files that a directory has. `example` is the name of a trajectory, if there is one.
+pub fn text(bundle: &Bundle, directory: &Path, example: Option<&str>) -> String {
+    let hand = &bundle.hand.manifest.name;
     let Some(file) = bundle.synergy else {
         return format!(
             "# {hand}\n\nA policy of the hand `{hand}`, exported by Eigenhand {}. The run has no synergy, because its policy \
-             never succeeded often enough.\n\n{POLICY}",
-            bundle.version
+             never succeeded often enough.\n\n{}{POLICY}",
+            bundle.version,
+            table(directory)
         );
     };
-    let k = file.synergy.n_components();
-    let object = file.grasps.iter().find(|grasp| grasp.numbers == k).map_or("cube", |grasp| grasp.object.as_str());
+    let (k, n) = (file.synergy.n_components(), file.synergy.n_joints());
+    let counted = |n: usize, what: &str| if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") };
     let recommended = file.recommended.as_ref().map_or(String::new(), |recommended| {
-        format!(" {} of them are recommended: {}.", recommended.components, recommended.reason)
+        let are = if recommended.components == 1 { "is" } else { "are" };
+        format!(" {} of them {are} recommended: {}.", recommended.components, recommended.reason)
     });
-    let ros2 = if directory.join("ros2").is_dir() { ROS2.replace("OBJECT", object) } else { String::new() };
-    let text = INTRODUCTION.replace("RECOMMENDED", &recommended) + SYNERGY + &ros2 + MOTORS_TEXT + POLICY;
-    text.replace("HAND", hand)
-        .replace("VERSION", bundle.version)
-        .replace("OBJECT", object)
-        .replace("COUNT", &k.to_string())
-        .replace("ACTUATORS", &file.synergy.n_joints().to_string())
+    let introduction = format!(
+        "# {hand}\n\n{} for the {} of the hand `{hand}`, and the policy that uses them; exported by Eigenhand {}.{recommended}\n\n",
+        counted(k, "number"),
+        counted(n, "actuator"),
+        bundle.version
+    );
+    let grasp = file.grasps.iter().find(|grasp| grasp.numbers == k);
+    let synergy = match grasp {
+        Some(grasp) => SYNERGY.replace("OBJECT", &grasp.object),
+        None => SYNERGY.replace(GRASP, "closed = synergy.z_high\n"),
+    };
+    let ros2 = example.map_or(String::new(), |name| ROS2.replace("OBJECT", name));
+    introduction + &table(directory) + &synergy + &ros2 + MOTORS_TEXT + POLICY
 }
 
-const INTRODUCTION: &str = "\
-# HAND
+/// Returns a row for each file that is there.
+fn table(directory: &Path) -> String {
+    let rows: String = FILES
+        .iter()
+        .filter(|(file, _, _)| directory.join(file).exists())
+        .map(|(_, names, content)| format!("| {names} | {content} |\n"))
+        .collect();
+    format!("| file | content |\n|---|---|\n{rows}\n")
+}
 
-COUNT numbers that drive the ACTUATORS actuators of the hand `HAND`, and the policy that uses them; exported by Eigenhand
-VERSION.RECOMMENDED
+/// A file that shows whether a row belongs into the table, and the row.
+const FILES: [(&str, &str, &str); 9] = [
+    ("synergy", "`synergy/synergy.toml`", "the control synergy: mean, components, ranges, joint map, mean grasps"),
+    (
+        "synergy.npz",
+        "`synergy/*.npy`, `synergy.npz`",
+        "the same as arrays; `synergy.npz` is one archive, with the names of joints and actuators",
+    ),
+    ("synergy-postures", "`synergy-postures/`", "the synergy of the postures at the end of grasps"),
+    ("motors.toml", "`motors.toml`", "from commands to your motors: fill it in"),
+    ("ros2", "`ros2/`", "profiles for `grasp_synergy_adapter`, and a trajectory for each object"),
+    ("policy.onnx", "`policy.onnx`", "the policy, for any ONNX runtime"),
+    (
+        "policy.toml",
+        "`policy.safetensors`, `policy.toml`",
+        "the same as tensors, and the names of all inputs and outputs",
+    ),
+    ("scenes", "`scenes/`", "the hand with each object, for MuJoCo"),
+    // It is written last.
+    ("policy.toml", "`manifest.json`", "size and SHA-256 of each file, but for `motors.toml`"),
+];
 
-| file | content |
-|---|---|
-| `synergy/synergy.toml` | the control synergy: mean, components, ranges, joint map, mean grasps |
-| `synergy/*.npy`, `synergy.npz` | the same as arrays; `synergy.npz` is one archive, with the names of joints and actuators |
-| `synergy-postures/` | the synergy of the postures at the end of grasps |
-| `motors.toml` | from commands to your motors: fill it in |
-| `ros2/` | profiles for `grasp_synergy_adapter`, and a trajectory for each object |
-| `policy.onnx` | the policy, for any ONNX runtime |
-| `policy.safetensors`, `policy.toml` | the same as tensors, and the names of all inputs and outputs |
-| `scenes/` | the hand with each object, for MuJoCo |
-| `manifest.json` | size and SHA-256 of each file, but for `motors.toml` |
-";
+/// The line of the example that needs a grasp.
+const GRASP: &str = "opened, closed, held = (z for z, q in synergy.grasp(\"OBJECT\").values())\n";
 
 const SYNERGY: &str = "
 ## The numbers
@@ -72,7 +97,7 @@ u = np.clip(s[\"mean\"] + closed @ s[\"components\"], s[\"actuator_low\"], s[\"a
 
 ```rust
 let file = eigenhand_synergy::SynergyFile::read(\"synergy/synergy.toml\")?;
-let motors = eigenhand_synergy::MotorMap::read(\"motors.toml\", file.synergy.joints())?;
+let motors = eigenhand_synergy::MotorMap::read(\"motors.toml\", &file.hand, file.synergy.joints())?;
 let values = motors.values(&file.synergy.decode(&z));
 ```
 ";
@@ -90,7 +115,8 @@ ros2 topic pub --once /hand_controller/joint_trajectory trajectory_msgs/msg/Join
 ```
 
 A profile of an object goes from the open hand (0) to the hand that holds it (1); `number_1` moves the first number from its
-least to its greatest value. Joint names are those of the model; change them to your controller's.
+least to its greatest value. Joint names are those of the model; change them to your controller's. A new export keeps a file
+that you changed with the suffix `.edited`.
 ";
 
 const MOTORS_TEXT: &str = "

@@ -4,6 +4,8 @@
 //! command leads it, beyond the surface of the object: so it presses. Joints that share an actuator take the posture nearest
 //! to the mean one that has the actuator's command.
 
+use std::collections::BTreeSet;
+
 use eigenhand_posture::ActuationMap;
 use eigenhand_synergy::{NamedGrasp, SynergyFile};
 use serde::Serialize;
@@ -12,6 +14,8 @@ use serde::Serialize;
 const LEAST_STEP: f64 = 1e-6;
 /// Seconds from the start to the open, the closed, and the holding hand.
 const TIMES: [f64; 3] = [1.0, 2.0, 2.5];
+/// Rounds in which joints that share an actuator settle on its command.
+const ROUNDS: usize = 20;
 /// Seconds after which a controller's state is too old (`state_timeout_sec`).
 const STATE_TIMEOUT: f64 = 0.5;
 
@@ -24,6 +28,8 @@ pub struct Ros2<'a> {
     indices: Vec<usize>,
     /// For each of the synergy's actuators that hold a position: its index, weights of the posture's joints, and offset.
     rows: Vec<(usize, &'a [f64], f64)>,
+    /// The grasps with all numbers, each with a name that ROS accepts and that nothing else has.
+    grasps: Vec<(String, &'a NamedGrasp)>,
 }
 
 /// Knots of a path, each with its name and its positions.
@@ -73,26 +79,34 @@ impl<'a> Ros2<'a> {
         let is_moved = |j: &usize| rows.iter().any(|(_, weights, _)| weights[*j] != 0.0);
         let indices: Vec<usize> = (0..joints.len()).filter(is_moved).collect();
         let names = indices.iter().map(|&j| joints[j].name.as_str()).collect();
-        (!indices.is_empty()).then_some(Ros2 { file, names, indices, rows })
+        let k = file.synergy.n_components();
+        let mut taken: BTreeSet<String> = (1..=k).map(number_name).collect();
+        let named = |grasp: &'a NamedGrasp| {
+            let mut name = token(&grasp.object);
+            while !taken.insert(name.clone()) {
+                name.push('_');
+            }
+            (name, grasp)
+        };
+        let grasps = file.grasps.iter().filter(|grasp| grasp.numbers == k).map(named).collect();
+        (!indices.is_empty()).then_some(Ros2 { file, names, indices, rows, grasps })
     }
 
     /// (numbers) => positions of the joints, in rad or m
     fn positions(&self, z: &[f64]) -> Vec<f64> {
         let Some(map) = &self.file.joint_map else { return Vec::new() };
         let (command, mut posture) = (self.file.synergy.decode(z), map.decode(z));
-        for (i, weights, offset) in &self.rows {
-            let squares: f64 = weights.iter().map(|weight| weight * weight).sum();
-            let reached: f64 = weights.iter().zip(&posture).map(|(weight, q)| weight * q).sum::<f64>() + offset;
-            let missing = (command[*i] - reached) / squares;
-            posture.iter_mut().zip(*weights).for_each(|(q, weight)| *q += weight * missing);
+        // What a joint at its limit cannot do, the others do in the next round.
+        for _ in 0..ROUNDS {
+            for (i, weights, offset) in &self.rows {
+                let squares: f64 = weights.iter().map(|weight| weight * weight).sum();
+                let reached: f64 = weights.iter().zip(&posture).map(|(weight, q)| weight * q).sum::<f64>() + offset;
+                let missing = (command[*i] - reached) / squares;
+                posture.iter_mut().zip(*weights).for_each(|(q, weight)| *q += weight * missing);
+            }
+            posture.iter_mut().zip(&map.joints).for_each(|(q, joint)| *q = joint.clamp(*q));
         }
-        self.indices.iter().map(|&j| map.joints[j].clamp(posture[j])).collect()
-    }
-
-    /// Returns the grasps with all numbers.
-    fn grasps(&self) -> impl Iterator<Item = &NamedGrasp> {
-        let k = self.file.synergy.n_components();
-        self.file.grasps.iter().filter(move |grasp| grasp.numbers == k)
+        self.indices.iter().map(|&j| posture[j]).collect()
     }
 
     /// Returns the parameters of `grasp_synergy_adapter`, a ROS 2 node by S. Kwon: a profile for each grasp, from the open to
@@ -102,10 +116,10 @@ impl<'a> Ros2<'a> {
     /// The README of <https://github.com/shkwon98/grasp_synergy_adapter>, parameters and grasp profiles.
     pub fn profiles(&self) -> String {
         let synergy = &self.file.synergy;
-        let grasps = self.grasps().map(|grasp| {
+        let grasps = self.grasps.iter().map(|(name, grasp)| {
             let moments = [("pre_grasp", &grasp.open), ("closed", &grasp.closed), ("held", &grasp.held)];
             let knots: Knots = moments.into_iter().map(|(name, moment)| (name, self.positions(&moment.z))).collect();
-            (token(&grasp.object), knots)
+            (name.clone(), knots)
         });
         let numbers = (0..synergy.n_components()).map(|i| {
             let at = |value: f64| {
@@ -115,7 +129,7 @@ impl<'a> Ros2<'a> {
             };
             let (least, greatest) = (synergy.coefficient_min()[i], synergy.coefficient_max()[i]);
             let knots = vec![("least", at(least)), ("zero", at(0.0)), ("greatest", at(greatest))];
-            (format!("number_{}", i + 1), knots)
+            (number_name(i + 1), knots)
         });
         let paths: Vec<(String, Vec<(f64, Knot)>)> = grasps
             .chain(numbers)
@@ -136,7 +150,7 @@ impl<'a> Ros2<'a> {
         );
         for (name, path) in &paths {
             let knots = listed(&mut path.iter().map(|(_, (knot, _))| *knot));
-            text.push_str(&format!("      {name}:\n        knot_names: [{knots}]\n        knots:\n"));
+            text.push_str(&format!("      {}:\n        knot_names: [{knots}]\n        knots:\n", quoted(name)));
             for (coordinate, (knot, positions)) in path {
                 let positions = positions.iter().map(|q| format!("{q:.9}")).collect::<Vec<_>>().join(", ");
                 text.push_str(&format!(
@@ -164,7 +178,7 @@ impl<'a> Ros2<'a> {
                 })
                 .collect(),
         };
-        self.grasps().map(|grasp| (token(&grasp.object), trajectory(grasp))).collect()
+        self.grasps.iter().map(|(name, grasp)| (name.clone(), trajectory(grasp))).collect()
     }
 }
 
@@ -187,6 +201,11 @@ fn spaced(knots: Knots) -> Vec<(f64, Knot)> {
     let whole = path.last().map_or(1.0, |(length, _)| *length);
     path.iter_mut().for_each(|(length, _)| *length /= whole);
     path
+}
+
+/// Returns the name of the profile of a number, from 1 on.
+fn number_name(number: usize) -> String {
+    format!("number_{number}")
 }
 
 /// Returns a name that ROS accepts: letters, digits and `_`, no digit first.

@@ -91,7 +91,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             }
             let source = Source::read(run, args.space)?;
             let finished = setup::with_mujoco(&args.install, || FinishedRun::open(run, &hands, &[]))?;
-            let recordings = recordings(&finished, &source.file)?;
+            // Beside another hand, no episode is shown.
+            let recordings = if beside.is_some() { Vec::new() } else { recordings(&finished, &source.file)? };
             let shown = Shown { file: &source.file, title: &title(run, &source) };
             (page(&finished.hand, &finished.task, shown, beside, &recordings)?, run.join(PAGE))
         }
@@ -134,7 +135,7 @@ fn recordings(run: &FinishedRun, file: &SynergyFile) -> anyhow::Result<Vec<Recor
         for episode in 0..TRIES {
             let (mut recording, mut step): (Option<Recording>, usize) = (None, 0);
             let mut add = |env: &GraspEnv| -> anyhow::Result<()> {
-                if step % FRAME_STEPS == 0 {
+                if step % FRAME_STEPS == 0 || step == run.task.config.steps {
                     let recording = match &mut recording {
                         Some(recording) => recording,
                         None => recording.insert(Recording::begin(&run.hand, scene, env, period)?),

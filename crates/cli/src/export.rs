@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use eigenhand_bundle::Bundle;
+use eigenhand_bundle::{Bundle, Exported};
 use eigenhand_train::FinishedRun;
 use serde::Serialize;
 
@@ -33,6 +33,7 @@ struct Report<'a> {
     run: &'a PathBuf,
     out: &'a PathBuf,
     files: &'a [PathBuf],
+    notes: &'a [String],
 }
 
 /// Runs the command.
@@ -41,7 +42,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         let hands = search_path(&args.plugins);
         setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &[]))?
     };
-    run.export(&args.out)?;
+    run.check_export(&args.out)?;
     let synergy = run.control_synergy()?;
     let bundle = Bundle {
         hand: &run.hand,
@@ -50,13 +51,15 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         normalizer: run.config.learner.normalizer,
         version: env!("CARGO_PKG_VERSION"),
     };
-    let files = eigenhand_bundle::write(&bundle, &args.out)?;
+    let Exported { files, notes } =
+        eigenhand_bundle::export(&bundle, &args.out, |staging| Ok::<(), anyhow::Error>(run.export(staging)?))?;
     if args.json {
-        print_json(&Report { run: &args.run, out: &args.out, files: &files })?;
+        print_json(&Report { run: &args.run, out: &args.out, files: &files, notes: &notes })?;
         return Ok(Outcome::Done);
     }
     let listed: String = files.iter().map(|file| format!("{}\n", file.display())).collect();
     print(&listed)?;
+    notes.iter().for_each(|note| eprintln!("note: {note}"));
     if !files.iter().any(|file| file.ends_with("synergy/synergy.toml")) {
         eprintln!("note: the run has too few postures for a synergy, so only the policy and the scenes were written");
     }

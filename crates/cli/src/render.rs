@@ -6,14 +6,12 @@ use anyhow::bail;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_render::{Film, Picture, View, grasp, postures};
 use eigenhand_synergy::{Moment, SynergyFile};
-use eigenhand_train::FinishedRun;
+use eigenhand_train::{FinishedRun, PICTURES};
 use serde::Serialize;
 
 use crate::output::{Outcome, print, print_json};
 use crate::{search_path, setup};
 
-/// Default directory for the pictures, in the run directory.
-const DIRECTORY: &str = "pictures";
 /// Largest number of episodes to get one successful grasp of an object.
 const TRIES: u64 = 20;
 /// Number of grasps in one row of the picture.
@@ -157,9 +155,12 @@ pub fn draw(run: &FinishedRun, wanted: &Wanted) -> anyhow::Result<Drawn> {
             run.directory.display()
         );
     }
-    let (episode, episode_success) = episode(run, scene, wanted.seed.unwrap_or(run.config.seed))?;
-    pictures.push(("episode.gif", episode));
-    let out = wanted.out.map_or_else(|| run.directory.join(DIRECTORY), Path::to_path_buf);
+    let (frames, episode_success) = episode(run, scene, wanted.seed.unwrap_or(run.config.seed))?;
+    // Of an episode that diverges there is nothing to see.
+    if !frames.is_empty() {
+        pictures.push(("episode.gif", Picture::gif(&frames)?));
+    }
+    let out = wanted.out.map_or_else(|| run.directory.join(PICTURES), Path::to_path_buf);
     create_directory(&out)?;
     let mut files = Vec::new();
     for (name, bytes) in pictures {
@@ -185,8 +186,9 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<[Picture; 2]>, Vec<String>)>
     Ok((drawn, missing))
 }
 
-/// Draws an episode as a moving picture, and tells whether it succeeded.
-fn episode(run: &FinishedRun, scene: usize, seed: u64) -> anyhow::Result<(Vec<u8>, bool)> {
+/// Draws an episode frame by frame, each with the seconds for which it is shown, and tells whether it succeeded. An episode that
+/// diverges has no frames.
+fn episode(run: &FinishedRun, scene: usize, seed: u64) -> anyhow::Result<(Vec<(Picture, f64)>, bool)> {
     let drawn_scene = &run.task.scenes[scene];
     let (mut film, mut wrong) = (Film::default(), Ok(()));
     let success = run.watch(scene, seed, 0, |env| {
@@ -210,7 +212,7 @@ fn episode(run: &FinishedRun, scene: usize, seed: u64) -> anyhow::Result<(Vec<u8
         }
         step += 1;
     })?;
-    Ok((Picture::gif(&frames)?, success))
+    Ok((frames, success))
 }
 
 /// Returns labels and postures along the mean grasp of an object with all numbers, or of the first object that has one.

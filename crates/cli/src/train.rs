@@ -13,11 +13,11 @@ use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use eigenhand_report::counted;
 use eigenhand_train::config::Preset;
 use eigenhand_train::request::{Launch, NewRun, Plan, ResumedRun};
-use eigenhand_train::{Bar, FinishedRun, Lines, Progress, Silent, StoppedBy, Summary, TrainError};
+use eigenhand_train::{Bar, FinishedRun, Lines, PICTURES, Progress, Silent, StoppedBy, Summary, TrainError};
 use serde::Serialize;
 
 use crate::output::{Outcome, duration, percent, print, print_json};
-use crate::render::{Drawn, Wanted, draw};
+use crate::render::{Wanted, draw};
 use crate::{program, search_path, setup};
 
 /// Exit status of a program that Ctrl-C ended, by the shell's convention.
@@ -195,11 +195,14 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         args.settings.plugins.iter().map(|place| format!(" --plugins {}", program::path(place))).collect();
     let resume = program::line(&format!("train --resume {}{plugins}", program::path(&plan.run)));
     let summary = launch.run(&stop, progress.as_mut()).map_err(|error| explain(error, &resume))?;
-    let pictures = if args.no_pictures { None } else { pictures(args, &plan, &summary) };
+    // The results come first: what goes wrong in a picture must not cost them.
     if args.json {
         print_json(&Report { run: plan.run.clone(), summary: &summary })?;
     } else {
-        print(&describe(&plan, &summary, &plugins, pictures.as_ref()))?;
+        print(&describe(&plan, &summary, &plugins))?;
+    }
+    if !args.no_pictures && plan.episodes_done < summary.episodes {
+        draw_pictures(args, &plan, &summary);
     }
     match summary.stopped_by {
         StoppedBy::Episodes => Ok(Outcome::Done),
@@ -211,17 +214,17 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 /// Draws a run that has succeeded, as `render` does. What stands in the way is only a note: the run is complete without.
-fn pictures(args: &Args, plan: &Plan, summary: &Summary) -> Option<Drawn> {
+fn draw_pictures(args: &Args, plan: &Plan, summary: &Summary) {
     if summary.stopped_by != StoppedBy::Episodes || summary.success_rate.is_none_or(|rate| rate == 0.0) {
-        return None;
+        return;
     }
     if !args.quiet {
-        eprintln!("drawing pictures");
+        eprintln!("drawing {} (render draws them again)", plan.run.join(PICTURES).display());
     }
-    let drawn = FinishedRun::open(&plan.run, &search_path(&args.settings.plugins), &[])
-        .map_err(anyhow::Error::from)
-        .and_then(|run| draw(&run, &Wanted::default()));
-    drawn.inspect_err(|error| eprintln!("note: no pictures were drawn: {error:#}")).ok()
+    let run = FinishedRun::open(&plan.run, &search_path(&args.settings.plugins), &[]).map_err(anyhow::Error::from);
+    if let Err(error) = run.and_then(|run| draw(&run, &Wanted::default())) {
+        eprintln!("note: no pictures were drawn: {error:#}");
+    }
 }
 
 /// Adds the next step to an error.
@@ -316,8 +319,12 @@ fn heading(plan: &Plan) -> String {
     }
     // The slide stands for the arm.
     let driven = plan.n_actuators.saturating_sub(1);
-    let hardly = if plan.components as f64 > HARDLY_FEWER * driven as f64 { ": hardly fewer" } else { "" };
-    line("numbers", format!("{} for {}{hardly}", plan.components, counted(driven, "actuator")));
+    let hardly = match plan.components {
+        k if k == driven => ": no fewer",
+        k if k as f64 > HARDLY_FEWER * driven as f64 => ": hardly fewer",
+        _ => "",
+    };
+    line("synergy", format!("{} for {}{hardly}", counted(plan.components, "number"), counted(driven, "actuator")));
     line("objects", plan.objects.join(", "));
     let resumed = match plan.episodes_done {
         0 => String::new(),
@@ -339,7 +346,7 @@ fn heading(plan: &Plan) -> String {
 }
 
 /// `plugins` holds the options for additional directories of hands, because later commands need them.
-fn describe(plan: &Plan, summary: &Summary, plugins: &str, pictures: Option<&Drawn>) -> String {
+fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {
         let _ = writeln!(text, "{name:<10} {value}");
@@ -416,9 +423,6 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str, pictures: Option<&Dra
     line("", "  scenes/                       scenes for plain MuJoCo");
     line("", "  postures.sqlite               the posture database");
     line("", "  metrics.csv, summary.json     learning curves, and results");
-    if pictures.is_some() {
-        line("", "  pictures/                     grasps, numbers and an episode");
-    }
     if summary.stopped_by == StoppedBy::Episodes {
         let run = program::path(&plan.run);
         line("next", &program::line(&format!("eval {run}{plugins} --components 0..8")));

@@ -31,6 +31,18 @@ pub enum ExploreError {
     /// A task without objects, and so without a scene.
     #[error("the task has no object, so there is no scene that shows the hand; give it an object")]
     NoScene,
+    /// An object that has nothing to draw.
+    #[error("the object {object} has no surface to draw")]
+    NoSurface {
+        /// The object.
+        object: String,
+    },
+    /// Two synergies on different joints.
+    #[error("only one of the two synergies has the joint {name}; fit both to the same joints")]
+    DifferentJoints {
+        /// The joint.
+        name: String,
+    },
     /// The hand's data cannot be written.
     #[error("cannot write the page's data: {0}")]
     Data(#[from] serde_json::Error),

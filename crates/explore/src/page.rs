@@ -134,8 +134,8 @@ fn numbers(hand: &Hand, file: &SynergyFile) -> Vec<Number> {
 /// moves a second hand with the same sliders. The page plays the recordings.
 ///
 /// # Errors
-/// [`ExploreError::OtherHand`], also for two synergies whose joints differ, [`ExploreError::NoJointMap`] for a space of
-/// commands without one, those of [`GraspTask::open_hand`].
+/// [`ExploreError::OtherHand`], [`ExploreError::DifferentJoints`] for two synergies whose joints differ,
+/// [`ExploreError::NoJointMap`] for a space of commands without one, those of [`GraspTask::open_hand`].
 pub fn page(
     hand: &Hand,
     task: &GraspTask,
@@ -147,8 +147,10 @@ pub fn page(
     let Maps { joints, commands } = Maps::of(hand, file)?;
     let beside = beside.map(|other| -> Result<Beside<'_>, ExploreError> {
         let maps = Maps::of(hand, other.file)?;
-        if let Some(name) = maps.joints.names.iter().find(|name| !joints.names.contains(name)) {
-            return Err(ExploreError::OtherHand { hand: hand.manifest.name.clone(), name: (*name).to_owned() });
+        let [own, others] = [&joints.names, &maps.joints.names];
+        let alone = |name: &&&str| own.contains(name) != others.contains(name);
+        if let Some(name) = own.iter().chain(others).find(alone) {
+            return Err(ExploreError::DifferentJoints { name: (*name).to_owned() });
         }
         Ok(Beside {
             title: other.title,

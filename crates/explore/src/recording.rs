@@ -17,8 +17,8 @@ pub struct Recording {
     period: f64,
     /// The object where the first frame has it.
     surface: Surface,
-    /// Index of the slide in a posture.
-    slide: Option<usize>,
+    /// Where the slide's position stands in the simulation.
+    slide: usize,
     frames: Vec<Frame>,
 }
 
@@ -58,15 +58,16 @@ impl Recording {
     /// Begins a recording with the start of an episode.
     ///
     /// # Errors
-    /// [`ExploreError::NoScene`] for an object without a surface.
+    /// [`ExploreError::NoSurface`] for an object without a surface, [`ExploreError::MuJoCo`] for a scene without the slide.
     pub fn begin(hand: &Hand, scene: &ObjectScene, env: &GraspEnv, period: f64) -> Result<Recording, ExploreError> {
-        let slide = &hand.manifest.slide.name;
+        let model = env.simulation().model();
         Ok(Recording {
             object: scene.object.name.clone(),
             success: false,
             period,
-            surface: packed(env.simulation(), scene.object_geom(), 0).ok_or(ExploreError::NoScene)?,
-            slide: env.task().posture_joints.iter().position(|joint| joint.name == *slide),
+            surface: packed(env.simulation(), scene.object_geom(), 0)
+                .ok_or_else(|| ExploreError::NoSurface { object: scene.object.name.clone() })?,
+            slide: model.qpos_address(model.joint(&hand.manifest.slide.name)?),
             frames: Vec::new(),
         })
     }
@@ -80,7 +81,7 @@ impl Recording {
             z,
             place: Vector3::new(x, y, height),
             orientation: UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k)),
-            height: self.slide.map_or(0.0, |slide| posture[slide]),
+            height: env.simulation().qpos()[self.slide],
             posture,
         });
     }

@@ -49,6 +49,38 @@ impl Hand {
         (1..map.actuators.len()).map(coordinate).collect()
     }
 
+    /// Returns the names of the joints that move with an actuator: those on which it acts, and those that follow them. None for
+    /// an actuator that acts on something else, such as a spatial tendon, and for a name that no actuator has.
+    pub fn joints_moved_by(&self, actuator: &str) -> Option<Vec<String>> {
+        let actuator = self.actuators.iter().find(|known| known.name == actuator)?;
+        let mut joints: Vec<String> = match &actuator.transmission {
+            Transmission::Joint(joint) => vec![joint.clone()],
+            Transmission::FixedTendon { terms, .. } => terms.iter().map(|(joint, _)| joint.clone()).collect(),
+            Transmission::Other(_) => return None,
+        };
+        // Followers of followers are found as the list grows.
+        let mut next = 0;
+        while let Some(driver) = joints.get(next).cloned() {
+            let followers = self.couplings.iter().filter(|coupling| coupling.driver.as_ref() == Some(&driver));
+            let new: Vec<String> =
+                followers.map(|coupling| coupling.dependent.clone()).filter(|name| !joints.contains(name)).collect();
+            joints.extend(new);
+            next += 1;
+        }
+        Some(joints)
+    }
+
+    /// Returns the joints of postures that none of these actuators moves, such as that of the slide, which stands for the arm.
+    pub fn joints_free_of<'a>(&self, actuators: impl Iterator<Item = &'a str>) -> Vec<String> {
+        let moved: Option<Vec<Vec<String>>> = actuators.map(|name| self.joints_moved_by(name)).collect();
+        let is_free = |name: &String| match &moved {
+            Some(moved) => !moved.iter().flatten().any(|joint| joint == name),
+            // What moves with such an actuator is not known.
+            None => *name == self.manifest.slide.name,
+        };
+        self.posture.iter().map(|joint| joint.name.clone()).filter(is_free).collect()
+    }
+
     /// Returns the row and the offset of an actuator; none where it holds no position.
     fn row(&self, actuator: &HandActuator, joints: &[String]) -> Option<(Vec<f64>, f64)> {
         let servo = actuator.servo?;

@@ -8,7 +8,10 @@ use eigenhand_sim::SimError;
 pub enum RenderError {
     /// Frames of different sizes, or none.
     #[error("a moving picture needs frames of one size")]
-    Movie,
+    Frames,
+    /// A moving picture cannot be encoded.
+    #[error("cannot encode a moving picture as GIF")]
+    Movie(#[source] gif::EncodingError),
     /// The simulator.
     #[error(transparent)]
     MuJoCo(#[from] MuJoCoError),

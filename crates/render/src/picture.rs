@@ -58,7 +58,7 @@ impl Picture {
     /// Returns a moving picture as a GIF file that repeats: each picture is shown for so many seconds.
     ///
     /// # Errors
-    /// [`RenderError::Movie`] for pictures of different sizes, or none.
+    /// [`RenderError::Frames`] for pictures of different sizes, or none; [`RenderError::Movie`].
     pub fn gif(frames: &[(Picture, f64)]) -> Result<Vec<u8>, RenderError> {
         let side = |length: usize| u16::try_from(length).ok().filter(|&length| length > 0);
         let size = frames.first().and_then(|(first, _)| Some((side(first.width)?, side(first.height)?)));
@@ -66,7 +66,7 @@ impl Picture {
             side(picture.width).zip(side(picture.height)) == size
                 && picture.rgb.len() == 3 * picture.width * picture.height
         };
-        let Some((width, height)) = size.filter(|_| frames.iter().all(same)) else { return Err(RenderError::Movie) };
+        let Some((width, height)) = size.filter(|_| frames.iter().all(same)) else { return Err(RenderError::Frames) };
         let mut file = Vec::new();
         let mut encode = || -> Result<(), gif::EncodingError> {
             let mut encoder = gif::Encoder::new(&mut file, width, height, &[])?;
@@ -78,7 +78,7 @@ impl Picture {
             }
             Ok(())
         };
-        encode().map_err(|_| RenderError::Movie)?;
+        encode().map_err(RenderError::Movie)?;
         Ok(file)
     }
 

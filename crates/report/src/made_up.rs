@@ -117,6 +117,7 @@ pub fn interrupted(lambda: f64, seed: u64) -> Run {
         stress: None,
         metrics: (1..=12).map(row).collect(),
         control: None,
+        control_error: None,
         end_variance: Vec::new(),
         picture: None,
         errors: Vec::new(),

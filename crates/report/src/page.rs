@@ -104,8 +104,8 @@ fn pictures(runs: &[Run]) -> Markup {
         figure {
             img src=(source) alt={ "A grasp of " (run.name) ", and the hand at both ends of its first numbers" };
             figcaption {
-                "The run " (run.name) ": a grasp, and the hand at both ends of its first numbers. To move the numbers yourself: "
-                code { "eigenhand explore " (run.path.display()) }
+                "The run " (run.name) ": a grasp, and the hand at both ends of its first numbers. The command " code { "explore" }
+                " with this run makes a page in which you move the numbers yourself."
             }
         }
     }
@@ -555,10 +555,7 @@ mod tests {
             ..complete(1.0, seed, success, &[0.1, 0.9], Some(1))
         };
         let page = page(&[drawn(1, 0.7, 1), drawn(2, 0.9, 2), drawn(3, 0.9, 3)]);
-        assert!(
-            page.contains("data:image/png;base64,Ag==") && page.contains("eigenhand explore l1-s2"),
-            "the first of the best"
-        );
+        assert!(page.contains("data:image/png;base64,Ag==") && page.contains("The run l1-s2"), "the first of the best");
         assert!(!page.contains("base64,AQ==") && !page.contains("base64,Aw=="));
     }
 }

@@ -5,14 +5,14 @@ use std::path::{Path, PathBuf};
 use eigenhand_synergy::{Import, PostureDatabase, Synergy, SynergyError, newest};
 use eigenhand_train::config::{ConfigError, Settings};
 use eigenhand_train::{
-    DATABASE, MetricsRow, Provenance, SYNERGY, Stress, Summary, TrainError, is_run, read_metrics, read_provenance,
-    read_settings, reproduce,
+    DATABASE, MetricsRow, PICTURES, Provenance, SYNERGY, Stress, Summary, TrainError, is_run, read_metrics,
+    read_provenance, read_settings, reproduce,
 };
 
 use crate::ReportError;
 
 /// A small picture of a run's grasps, as `render` names it.
-const PICTURE: &str = "pictures/overview.png";
+const PICTURE: &str = "overview.png";
 
 /// A run, finished or not.
 #[derive(Clone, Debug)]
@@ -46,6 +46,8 @@ pub struct Run {
     pub metrics: Vec<MetricsRow>,
     /// Its control synergy, and the commands to which it was fitted; none if it has none.
     pub control: Option<Import>,
+    /// Why its control synergy cannot be read, if there is one that cannot.
+    pub control_error: Option<String>,
     /// Share of the variance of its end postures in the first component, in the first two, and so on; empty like
     /// [`errors`](Self::errors).
     pub end_variance: Vec<f64>,
@@ -79,10 +81,11 @@ impl Run {
             Err(error) if is_of_earlier_version(&error) => (Ends::default(), true),
             ends => (ends.map_err(TrainError::from)?, is_earlier),
         };
-        let control = path.join(SYNERGY);
-        let control = match control.is_dir().then(|| eigenhand_synergy::import(&control)).transpose() {
-            Err(error) if is_of_earlier_version(&error) => None,
-            control => control.map_err(TrainError::from)?,
+        let directory = path.join(SYNERGY);
+        let (control, control_error) = match directory.is_dir().then(|| eigenhand_synergy::import(&directory)) {
+            None => (None, None),
+            Some(Ok(control)) => (Some(control), None),
+            Some(Err(error)) => (None, Some(error.to_string())),
         };
         let name = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         Ok(Run {
@@ -100,8 +103,9 @@ impl Run {
             stress: Stress::read(path)?,
             metrics,
             control,
+            control_error,
             end_variance: variance,
-            picture: std::fs::read(path.join(PICTURE)).ok(),
+            picture: std::fs::read(path.join(PICTURES).join(PICTURE)).ok(),
             errors,
         })
     }
@@ -231,10 +235,12 @@ fn ends(database: &Path, components: usize, window: usize) -> Result<Ends, Syner
     let Some(synergy) = synergy else { return Ok(Ends::default()) };
     let mut errors: Vec<f64> = newest(&postures, window).iter().map(|posture| synergy.error(posture)).collect();
     errors.sort_by(f64::total_cmp);
-    let mut so_far = 0.0;
+    let (total, mut so_far) = (synergy.total_variance(), 0.0);
     let share = |eigenvalue: &f64| {
-        so_far += eigenvalue / synergy.total_variance();
+        so_far += eigenvalue / total;
         so_far
     };
-    Ok(Ends { errors, variance: synergy.eigenvalues().iter().map(share).collect() })
+    // Postures that do not vary have no shares.
+    let variance = if total > 0.0 { synergy.eigenvalues().iter().map(share).collect() } else { Vec::new() };
+    Ok(Ends { errors, variance })
 }

@@ -1,16 +1,15 @@
 //! Whether the runs of one lambda find the same space of commands.
 
-use eigenhand_synergy::{Compared, Comparison, Explained};
+use eigenhand_synergy::{Compared, Comparison, Explained, Import};
 use serde::Serialize;
 
 use crate::run::Run;
 use crate::statements::counted;
 
-/// Spaces that express this share of each other's samples, relative to what their own express, are nearly the same.
-const NEARLY: f64 = 0.9;
-/// Spaces are partly the same if they express each other better than this share of the way from random directions to their
-/// own.
-const PARTLY: f64 = 0.5;
+/// Spaces are nearly, or partly, the same if they express each other's samples by more than this share of the way from random
+/// directions to their own.
+const NEARLY: f64 = 0.8;
+const PARTLY: f64 = 0.4;
 
 /// How far the control synergies of a lambda's runs agree; medians over all ordered pairs of runs.
 #[derive(Clone, Debug, Serialize)]
@@ -32,11 +31,17 @@ pub struct SharedSpace {
 }
 
 impl SharedSpace {
-    /// Returns none for fewer than two runs with a control synergy, or spaces that cannot be compared.
+    /// Returns none for fewer than two complete runs with a control synergy of as many components, fewer than the hand has
+    /// actuators, or for spaces that cannot be compared.
     pub(crate) fn of(lambda: f64, runs: &[&Run]) -> Option<SharedSpace> {
-        let spaces: Vec<_> = runs.iter().filter_map(|run| run.control.as_ref()).collect();
+        let complete = runs.iter().filter(|run| run.result().is_some());
+        let spaces: Vec<_> = complete.filter_map(|run| run.control.as_ref()).collect();
         let first = &spaces.first()?.file.synergy;
         let (n_components, n_joints) = (first.n_components(), first.n_joints());
+        let differs = |import: &&Import| import.file.synergy.n_components() != n_components;
+        if n_components == n_joints || spaces.iter().any(differs) {
+            return None;
+        }
         let (mut cosines, mut own, mut other) = (Vec::new(), Vec::new(), Vec::new());
         for (i, a) in spaces.iter().enumerate() {
             for b in &spaces[..i] {
@@ -66,17 +71,18 @@ impl SharedSpace {
 
     fn sentence(&self, lambda: f64) -> String {
         let SharedSpace { n_runs, n_components, chance, own, other, .. } = self;
-        let found = if *other >= NEARLY * own {
+        let way = (other - chance) / (own - chance).max(f64::MIN_POSITIVE);
+        let found = if way > NEARLY {
             "find nearly the same space"
-        } else if *other >= chance + PARTLY * (own - chance) {
+        } else if way > PARTLY {
             "find spaces that are partly the same"
         } else {
             "find different spaces"
         };
         format!(
-            "With lambda {lambda}, the {} {found}: {} of one run express {:.0} % of the variance of another run's commands, its \
+            "With lambda {lambda}, {} {found}: {} of one run express {:.0} % of the variance of another run's commands, its \
              own express {:.0} %, and random directions {:.0} %.",
-            counted(n_runs, "run"),
+            format_args!("{n_runs} runs with a control synergy"),
             counted(n_components, "component"),
             100.0 * other,
             100.0 * own,
@@ -122,10 +128,16 @@ mod tests {
         let (a, b, c) = (run(1, [0, 1]), run(2, [1, 0]), run(3, [2, 3]));
         let same = SharedSpace::of(1.0, &[&a, &b]).expect("two runs");
         assert!((same.squared_cosine - 1.0).abs() < 1e-9 && (same.other - 1.0).abs() < 1e-9, "{same:?}");
-        assert!(same.statement.contains("the 2 runs find nearly the same space: 2 components"), "{}", same.statement);
+        assert!(
+            same.statement.contains("2 runs with a control synergy find nearly the same space: 2 components"),
+            "{}",
+            same.statement
+        );
         let apart = SharedSpace::of(1.0, &[&a, &c]).expect("two runs");
         assert!(apart.squared_cosine < 1e-9 && apart.other < 1e-9 && (apart.own - 1.0).abs() < 1e-9, "{apart:?}");
         assert!(apart.statement.contains("different spaces") && apart.statement.contains("random directions 50 %"));
         assert!(SharedSpace::of(1.0, &[&a]).is_none(), "one run has nothing to be compared with");
+        let unfinished = Run { summary: None, ..run(4, [0, 1]) };
+        assert!(SharedSpace::of(1.0, &[&a, &unfinished]).is_none(), "only complete runs count");
     }
 }

@@ -207,6 +207,9 @@ pub fn notes(runs: &[Run]) -> Vec<String> {
             run.name, run.episodes
         ));
     }
+    for (run, error) in runs.iter().filter_map(|run| Some((run, run.control_error.as_ref()?))) {
+        notes.push(format!("The control synergy of {} is left out: {error}.", run.name));
+    }
     notes.extend(without_few_numbers(runs));
     let mut twins: BTreeMap<(String, u64), Vec<&str>> = BTreeMap::new();
     for run in runs {

@@ -268,7 +268,11 @@ struct SchemaOnly {
 }
 
 #[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct SynergyRecord {
+    // Read before the others.
+    #[serde(rename = "schema")]
+    _schema: i64,
     hand: String,
     space: Space,
     n_postures: Option<usize>,

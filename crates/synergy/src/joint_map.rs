@@ -31,6 +31,9 @@ pub struct JointMap {
 /// Ridge of the fit, relative to the mean variance of the coefficients: directions that hardly vary get no slope.
 const RIDGE: f64 = 1e-9;
 
+/// A number moves no joint if the squares of its slopes are below this share of those of the number that moves most.
+const STILL: f64 = 1e-12;
+
 impl JointMap {
     /// Fits the map to commands and to the postures measured beside them.
     ///
@@ -82,7 +85,7 @@ impl JointMap {
     /// and m count alike. The joints in [`free`](Self::free) do not count.
     ///
     /// # Errors
-    /// A posture of the wrong length or with a number that is not finite, or fewer joints than coefficients.
+    /// A posture of the wrong length or with a number that is not finite, or joints that do not determine the coefficients.
     pub fn encode(&self, posture: &[f64]) -> Result<Vec<f64>, SynergyError> {
         check_posture(posture, self.joints.len(), 0)?;
         let used: Vec<usize> = (0..self.joints.len()).filter(|&j| !self.free.contains(&self.joints[j].name)).collect();
@@ -90,6 +93,13 @@ impl JointMap {
         if used.len() < k {
             let expected = format!("at least {k}, one for each number");
             return Err(SynergyError::invalid("joints that commands move", expected, used.len()));
+        }
+        let squares: Vec<f64> =
+            self.matrix.iter().map(|row| used.iter().map(|&j| row[j] * row[j]).sum::<f64>()).collect();
+        let largest = squares.iter().copied().fold(0.0, f64::max);
+        if let Some(i) = squares.iter().position(|square| *square <= STILL * largest) {
+            let expected = "a number that moves a joint; use fewer numbers";
+            return Err(SynergyError::invalid(format!("joint_map.matrix[{i}]"), expected, "one that moves none"));
         }
         let slopes_of = Mat::from_fn(used.len(), k, |row, i| self.matrix[i][used[row]]);
         let moved = Mat::from_fn(used.len(), 1, |row, _| posture[used[row]] - self.mean[used[row]]);

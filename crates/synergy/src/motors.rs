@@ -95,23 +95,26 @@ impl MotorMap {
         MotorMap { motors, actuators: actuators.to_vec() }
     }
 
-    /// Reads `motors.toml` for the actuators of a synergy.
+    /// Reads `motors.toml` for the actuators of a hand's synergy.
     ///
     /// # Errors
-    /// A file that cannot be read or is no TOML, an actuator without a motor or with two, an id that two motors have, or a
+    /// A file that cannot be read, is no TOML, or is of another hand; an actuator without a motor or with two, an id that two motors have, or a
     /// sign, scale or limit that is none. The message names the motor and what is expected.
-    pub fn read(path: impl AsRef<Path>, actuators: &[JointInfo]) -> Result<MotorMap, SynergyError> {
+    pub fn read(path: impl AsRef<Path>, hand: &str, actuators: &[JointInfo]) -> Result<MotorMap, SynergyError> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(SynergyError::io("read", path))?;
-        Self::from_toml(&text, actuators).map_err(|error| error.in_file(path))
+        Self::from_toml(&text, hand, actuators).map_err(|error| error.in_file(path))
     }
 
     /// Reads the text of a file, as [`read`](Self::read).
     ///
     /// # Errors
     /// As [`read`](Self::read).
-    pub fn from_toml(text: &str, actuators: &[JointInfo]) -> Result<MotorMap, SynergyError> {
+    pub fn from_toml(text: &str, hand: &str, actuators: &[JointInfo]) -> Result<MotorMap, SynergyError> {
         let file: MotorFile = toml::from_str(text).map_err(SynergyError::MotorsToml)?;
+        if file.hand != hand {
+            return Err(SynergyError::motors("hand", hand, &file.hand));
+        }
         if file.schema != SCHEMA {
             return Err(SynergyError::Schema { what: "the file of motors", expected: SCHEMA, got: file.schema });
         }
@@ -193,8 +196,10 @@ impl MotorMap {
     /// Returns the motors whose limits cut off a part of their actuators' range, each with the share that is left.
     pub fn limited(&self) -> Vec<(&Motor, f64)> {
         let left = |(motor, actuator): (&'_ Motor, &JointInfo)| {
+            let range = actuator.upper - actuator.lower;
             let [a, b] = [actuator.lower, actuator.upper].map(|command| motor.command(motor.value(command)));
-            ((b - a) / (actuator.upper - actuator.lower)).clamp(0.0, 1.0)
+            // Without a range there is nothing to cut off.
+            if range.is_finite() && range > 0.0 { ((b - a) / range).clamp(0.0, 1.0) } else { 1.0 }
         };
         let shares = self.motors.iter().zip(&self.actuators).map(|pair| (pair.0, left(pair)));
         shares.filter(|(_, share)| *share < 1.0 - 1e-9).collect()
@@ -220,7 +225,7 @@ mod tests {
     fn motors_take_commands_and_give_them_back() {
         let written = MotorMap::identity(&actuators(), &[vec!["a".to_owned(), "b".to_owned()], Vec::new()]);
         let text = written.to_toml("hand").unwrap();
-        assert_eq!(MotorMap::from_toml(&text, &actuators()).unwrap(), written);
+        assert_eq!(MotorMap::from_toml(&text, "hand", &actuators()).unwrap(), written);
         assert_eq!(written.values(&[0.7, -0.5]), [0.7, -0.3], "the command beyond the range is clamped");
         assert!(written.limited().is_empty());
 
@@ -228,7 +233,7 @@ mod tests {
         let text = "schema = 1\nhand = \"h\"\n[[motors]]\nactuator = \"spread\"\nid = 7\nsign = -1\nscale = 651.9\n\
                     offset = 2048.0\nlower = 2000.0\nupper = 2500.0\n[[motors]]\nactuator = \"bend\"\nid = 3\nsign = 1\n\
                     scale = 1.0\noffset = 0.1\nlower = 0.0\nupper = 2.0\n";
-        let map = MotorMap::from_toml(text, &actuators()).unwrap();
+        let map = MotorMap::from_toml(text, "h", &actuators()).unwrap();
         assert_eq!(map.motors().iter().map(|motor| motor.id).collect::<Vec<_>>(), [3, 7], "the synergy's order");
         let values = map.values(&[1.0, -0.2]);
         assert!((values[0] - 1.1).abs() < 1e-12 && (values[1] - (2048.0 + 0.2 * 651.9)).abs() < 1e-9, "{values:?}");
@@ -254,9 +259,10 @@ mod tests {
             ("\"spread\"", "\"twist\"", "actuator of a motor: expected bend, spread, got twist"),
             ("sign = 1", "sing = 1", "unknown field `sing`"),
             ("schema = 1", "schema = 2", "schema 2"),
+            ("\"hand\"", "\"other\"", "hand: expected hand, got other"),
         ] {
             assert!(text.contains(from), "{text}");
-            let error = MotorMap::from_toml(&text.replacen(from, to, 1), &actuators()).unwrap_err().to_string();
+            let error = MotorMap::from_toml(&text.replacen(from, to, 1), "hand", &actuators()).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");
         }
     }

@@ -20,8 +20,8 @@ pub struct HandActuators {
     n_actions: usize,
     /// Indices in a posture and open positions of the hand's joints, without the slide.
     open: Vec<(usize, f64)>,
-    /// Name of the slide's joint.
-    pub slide: String,
+    /// Names of the joints that they do not move, such as that of the slide.
+    pub free: Vec<String>,
 }
 
 impl HandActuators {
@@ -45,7 +45,7 @@ impl HandActuators {
             actions,
             n_actions: task.action_len(),
             open: hand.open_posture_vector().into_iter().enumerate().filter(|(i, _)| !is_slide(*i)).collect(),
-            slide: hand.manifest.slide.name.clone(),
+            free: hand.joints_free_of(hand.actuators.iter().map(|actuator| actuator.name.as_str())),
         }
     }
 
@@ -100,7 +100,7 @@ impl HandActuators {
             actions: kept.iter().map(|&i| self.actions[i]).collect(),
             n_actions: self.n_actions,
             open: self.open.clone(),
-            slide: self.slide.clone(),
+            free: self.free.clone(),
         })
     }
 
@@ -195,7 +195,7 @@ pub(crate) mod tests {
             actions: vec![0, 2, 3],
             n_actions: 4,
             open: vec![(1, 0.5)],
-            slide: "s".to_owned(),
+            free: vec!["s".to_owned()],
         }
     }
 

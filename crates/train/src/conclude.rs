@@ -15,7 +15,7 @@ use crate::error::TrainError;
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate, simulate};
 use crate::metrics::TRUSTED;
 use crate::motion::motions;
-use crate::products::{Products, write_products};
+use crate::products::{Products, remove_drawn, write_products};
 use crate::progress::Progress;
 use crate::rollout::WorkerPool;
 use crate::stress::Stress;
@@ -186,6 +186,7 @@ impl Trainer {
             postures,
         };
         Stress::remove(run.path())?;
+        remove_drawn(run.path())?;
         write_products(&products, run.path())?;
         // Below this success, the postures say little about what the policy can do.
         let trusted = synergy.filter(|_| success_rate.or(counters.last_evaluation).is_some_and(|s| s >= TRUSTED));

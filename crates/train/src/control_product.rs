@@ -42,7 +42,8 @@ impl ControlProduct {
         let commands_of = |steps: &[MotionRecord]| steps.iter().map(|step| step.command.clone()).collect::<Vec<_>>();
         let postures: Vec<_> = motions.iter().map(|step| step.posture.as_slice()).collect();
         let mut joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
-        joint_map.free.extend(joints.iter().map(|joint| joint.name.clone()).filter(|name| *name == actuators.slide));
+        let known = |name: &&String| joints.iter().any(|joint| joint.name == **name);
+        joint_map.free.extend(actuators.free.iter().filter(known).cloned());
         synergy.widen(&commands_of(motions));
         let commands = commands_of(described);
         let with_all = (synergy.n_components(), motions);

@@ -25,6 +25,8 @@ use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
 use crate::summary::Summary;
 use crate::task::{task_of, task_with_objects};
 
+/// A file of every export, and of no run.
+const MANIFEST: &str = "manifest.json";
 /// Keys that describe the scene and the meaning of success. An evaluation may change them, and no others.
 const SCENE_KEYS: [&str; 11] = [
     "objects",
@@ -173,10 +175,10 @@ impl FinishedRun {
     }
 
     /// Runs episode `index` of the policy in a scene. `each` sees the environment at the start and after every step. Returns
-    /// whether the episode succeeded.
+    /// whether the episode succeeded. Of an episode that diverges, `each` sees nothing.
     ///
     /// # Errors
-    /// [`TrainError::Sim`], also for an episode that diverges.
+    /// [`TrainError::Sim`].
     pub fn watch(
         &self,
         scene: usize,
@@ -187,6 +189,9 @@ impl FinishedRun {
         let mut env = GraspEnv::new(&self.task)?;
         let job = self.pictured(scene, seed, index);
         let episode = run_episode(&mut env, &mut self.policy.scratch(), &job)?;
+        if episode.diverged {
+            return Ok(false);
+        }
         // The same start, and the same actions.
         env.reset(scene, &mut job.start())?;
         each(&env);
@@ -197,7 +202,7 @@ impl FinishedRun {
         Ok(episode.success)
     }
 
-    /// Returns an episode that is drawn.
+    /// Returns the job of an episode to draw.
     fn pictured(&self, scene: usize, seed: u64, index: u64) -> EpisodeJob {
         EpisodeJob {
             seed,
@@ -230,25 +235,47 @@ impl FinishedRun {
     /// [`TrainError::Synergy`] for a file that is damaged.
     pub fn control_synergy(&self) -> Result<Option<SynergyFile>, TrainError> {
         let directory = self.directory.join(SYNERGY);
-        Ok(if directory.exists() { Some(eigenhand_synergy::import(directory)?.file) } else { None })
+        if !directory.exists() {
+            return Ok(None);
+        }
+        let mut file = eigenhand_synergy::import(directory)?.file;
+        if let Some(joint_map) = &mut file.joint_map {
+            // Earlier versions did not write them.
+            joint_map.free = self.free_joints(&file.synergy);
+        }
+        Ok(Some(file))
+    }
+
+    fn free_joints(&self, synergy: &Synergy) -> Vec<String> {
+        self.hand.joints_free_of(synergy.joints().iter().map(|joint| joint.name.as_str()))
+    }
+
+    /// Checks that an export may be written into a directory: it must be new, empty or an earlier export.
+    ///
+    /// # Errors
+    /// [`TrainError::ExportExists`] for any other directory.
+    pub fn check_export(&self, out: &Path) -> Result<(), TrainError> {
+        let occupied = out.read_dir().is_ok_and(|mut entries| entries.next().is_some());
+        // An export that was interrupted may have one of them alone.
+        let marked = [POLICY_TEXT, MANIFEST].iter().any(|name| out.join(name).is_file());
+        let exported = marked && !out.join(CONFIG).exists();
+        if out.is_file() || (occupied && !exported) {
+            return Err(TrainError::ExportExists { path: out.to_owned() });
+        }
+        Ok(())
     }
 
     /// Writes the synergies, the policy and the scenes into a directory.
     ///
-    /// The directory must be new, empty or an earlier export.
-    ///
     /// # Errors
-    /// [`TrainError::ExportExists`] for any other directory, [`TrainError::Synergy`] for the posture database,
-    /// [`TrainError::File`].
+    /// [`TrainError::Synergy`] for the posture database, [`TrainError::File`].
     pub fn export(&self, out: &Path) -> Result<(), TrainError> {
-        let occupied = out.read_dir().is_ok_and(|mut entries| entries.next().is_some());
-        let exported = out.join(POLICY_TEXT).is_file() && !out.join(CONFIG).exists();
-        if out.is_file() || (occupied && !exported) {
-            return Err(TrainError::ExportExists { path: out.to_owned() });
-        }
         let (synergy, postures) = self.synergy()?;
         let control = self.directory.join(SYNERGY);
-        let control = if control.exists() { Some(ControlProduct::read(&control)?) } else { None };
+        let mut control = if control.exists() { Some(ControlProduct::read(&control)?) } else { None };
+        if let Some(ControlProduct { synergy, joint_map, .. }) = &mut control {
+            joint_map.free = self.free_joints(synergy);
+        }
         let products = Products {
             hand: &self.hand,
             task: &self.task,

@@ -54,7 +54,7 @@ pub use evaluation::{Evaluation, EvaluationStream, Grasp, Tally, evaluate};
 pub use finished::FinishedRun;
 pub use hands::hand_named;
 pub use metrics::{MetricsRow, read_metrics};
-pub use products::{POSTURE_SYNERGY, SYNERGY};
+pub use products::{PICTURES, POSTURE_SYNERGY, SYNERGY};
 pub use progress::{Bar, Lines, Progress, Silent, Status};
 pub use provenance::Provenance;
 pub use rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape, run_episode};

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
-use eigenhand_files::{create_directory, write_atomically};
+use eigenhand_files::{cannot, create_directory, write_atomically};
 use eigenhand_hands::Hand;
 use eigenhand_rl::{Policy, PolicyScratch, rng};
 use eigenhand_sim::{CLOSING_TIME, DROP, GraspEnv, GraspTask, ObservationEntry, Orientation, SimError, scene};
@@ -23,6 +23,17 @@ pub(crate) const POLICY_TEXT: &str = "policy.toml";
 pub const SYNERGY: &str = "synergy";
 /// Directory of the synergy of end postures.
 pub const POSTURE_SYNERGY: &str = "synergy-postures";
+/// Directory of the pictures of a run.
+pub const PICTURES: &str = "pictures";
+/// The pictures that are drawn of a policy, and the page that shows it; they are of no other.
+const DRAWN: [&str; 6] = [
+    "explore.html",
+    "pictures/components.png",
+    "pictures/episode.gif",
+    "pictures/grasps.png",
+    "pictures/motion.png",
+    "pictures/overview.png",
+];
 const SCENES: &str = "scenes";
 const REFERENCE: &str = "reference.json";
 
@@ -129,6 +140,14 @@ struct ReferenceStep {
     observation: Vec<f32>,
     action: Vec<f32>,
     next_observation: Vec<f32>,
+}
+
+/// Removes what was drawn of an earlier policy of a run.
+pub(crate) fn remove_drawn(run: &Path) -> Result<(), TrainError> {
+    for path in DRAWN.map(|name| run.join(name)).into_iter().filter(|path| path.is_file()) {
+        std::fs::remove_file(&path).map_err(cannot("remove", &path))?;
+    }
+    Ok(())
 }
 
 /// Writes `synergy/`, `synergy-postures/`, `policy.safetensors`, `policy.toml` and `scenes/` into a directory.

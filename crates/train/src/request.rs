@@ -99,7 +99,7 @@ pub struct Plan {
     pub seed: u64,
     /// Training episodes in all.
     pub episodes: u64,
-    /// Numbers that command the hand.
+    /// Components of its synergy.
     pub components: usize,
     /// Number of newest postures that the synergy covers; 0 means all.
     pub window: usize,
@@ -277,17 +277,18 @@ pub fn resolve(request: &NewRun) -> Result<(RunConfig, Hand), TrainError> {
     let hand = registry.get(&config.hand)?;
     let directions = hand.actuators.len();
     if config.synergy.components > directions {
-        let Some(origin) = components else {
+        match components {
             // The default is for hands with more.
-            config.synergy.components = directions;
-            return Ok((named_by_path(config, &hand, &registry), hand));
-        };
-        let reason = format!(
-            "synergy.components = {} is not allowed: for the hand {}, expected at most {directions}, one for each actuator without \
-             the slide",
-            config.synergy.components, hand.manifest.name
-        );
-        return Err(ConfigError::Value { origin, reason }.into());
+            None => config.synergy.components = directions,
+            Some(origin) => {
+                let reason = format!(
+                    "synergy.components = {} is not allowed: for the hand {}, expected at most {directions}, one for each \
+                     actuator without the slide",
+                    config.synergy.components, hand.manifest.name
+                );
+                return Err(ConfigError::Value { origin, reason }.into());
+            }
+        }
     }
     Ok((named_by_path(config, &hand, &registry), hand))
 }

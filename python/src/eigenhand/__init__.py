@@ -5,10 +5,12 @@
 environment `eigenhand/Grasp-v0` (`eigenhand.environment`).
 """
 
+from importlib import metadata
+
 from eigenhand.files import FormatError
 from eigenhand.motors import Motors
 from eigenhand.policy import Policy
-from eigenhand.synergy import Synergy
+from eigenhand.synergy import Synergy, ready
 
 try:
     import gymnasium
@@ -17,4 +19,5 @@ except ModuleNotFoundError:
 else:
     gymnasium.register("eigenhand/Grasp-v0", entry_point="eigenhand.environment:GraspEnv")
 
-__all__ = ["FormatError", "Motors", "Policy", "Synergy"]
+__version__ = metadata.version("eigenhand")
+__all__ = ["FormatError", "Motors", "Policy", "Synergy", "ready"]

@@ -2,11 +2,12 @@
 
 import argparse
 import pathlib
+import re
 import sys
 
 import numpy as np
 
-from eigenhand import FormatError, Policy, Synergy
+from eigenhand import FormatError, Policy, Synergy, __version__
 
 
 def decode(options):
@@ -40,7 +41,7 @@ def play(options):
 
     policy, references = Policy.load(options.run), read_references(options.run)
     known = [reference["object"] for reference in references]
-    if options.object and options.object not in known:
+    if options.object is not None and options.object not in known:
         sys.exit(f"unknown object {options.object}; the run has {', '.join(known)}")
     acting = policy
     if options.numbers is not None:
@@ -90,9 +91,9 @@ class view_of:
         if self.options.view:
             import time
 
-            from mujoco import viewer
+            from eigenhand.scene import open_viewer
 
-            self.shown, period = viewer.launch_passive(self.scene.model, self.scene.data), self.scene.config["control_period_s"]
+            self.shown, period = open_viewer(self.scene), self.scene.config["control_period_s"]
 
             def show():
                 self.shown.sync()
@@ -114,8 +115,34 @@ def write_gif(path, frames, period):
     print(f"wrote {path}")
 
 
+def natural(text, least=0):
+    number = int(text)
+    if number < least:
+        raise argparse.ArgumentTypeError(f"{number} is less than {least}")
+    return number
+
+
+def count(text):
+    return natural(text, 1)
+
+
+def finite(text):
+    number = float(text)
+    if not np.isfinite(number):
+        raise argparse.ArgumentTypeError(f"{text} is not finite")
+    return number
+
+
+def gif(text):
+    path = pathlib.Path(text)
+    if path.suffix.lower() != ".gif" or not path.resolve().parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text} is no name of a GIF file in a directory that exists")
+    return path
+
+
 def main():
     parser = argparse.ArgumentParser(prog="eigenhand", description=__doc__.split(": ", 1)[1])
+    parser.add_argument("--version", action="version", version=f"eigenhand {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
     play_parser = commands.add_parser(
         "play",
@@ -126,15 +153,18 @@ def main():
     play_parser.add_argument("run", type=pathlib.Path, help="run directory, or an export of it")
     play_parser.add_argument("--numbers", type=int, metavar="K", help="let the first K numbers command the hand")
     play_parser.add_argument("--object", help="name of the object; all of the run's by default")
-    play_parser.add_argument("--episodes", type=int, default=1, help="episodes with each object (default: 1)")
-    play_parser.add_argument("--seed", type=int, default=0, help="seed of the starts (default: 0)")
-    play_parser.add_argument("--view", action="store_true", help="shows the episodes in MuJoCo's viewer")
-    play_parser.add_argument("--gif", metavar="FILE.gif", help="writes the episodes as a moving picture")
+    play_parser.add_argument("--episodes", type=count, default=1, help="episodes with each object (default: 1)")
+    play_parser.add_argument("--seed", type=natural, default=0, help="seed of the starts (default: 0)")
+    shown = play_parser.add_mutually_exclusive_group()
+    shown.add_argument("--view", action="store_true", help="shows the episodes in MuJoCo's viewer")
+    shown.add_argument("--gif", metavar="FILE.gif", type=gif, help="writes the episodes as a moving picture")
     play_parser.add_argument("--verbose", action="store_true", help="prints the differences to the recorded step")
     play_parser.set_defaults(run_command=play)
     decode_parser = commands.add_parser("decode", help="prints the joint positions and commands of some numbers")
     decode_parser.add_argument("synergy", type=pathlib.Path, help="synergy directory, run, or export")
-    decode_parser.add_argument("numbers", type=float, nargs="*", metavar="NUMBER", help="those left out are 0")
+    # Numbers such as -1e-3 are no options.
+    decode_parser._negative_number_matcher = re.compile(r"^-(\d|\.\d)")
+    decode_parser.add_argument("numbers", type=finite, nargs="*", metavar="NUMBER", help="those left out are 0")
     decode_parser.set_defaults(run_command=decode)
     options = parser.parse_args()
     try:
@@ -142,7 +172,7 @@ def main():
     except BrokenPipeError:
         # The reader of the output has gone; nothing is left to say.
         sys.stderr.close()
-    except (FormatError, OSError) as error:
+    except (FormatError, ValueError, RuntimeError, OSError) as error:
         sys.exit(f"eigenhand: {error}")
 
 

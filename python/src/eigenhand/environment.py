@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 
 from eigenhand.policy import Policy
-from eigenhand.scene import Camera, Scene, read_references
+from eigenhand.scene import Camera, Scene, open_viewer, read_references
 from eigenhand.synergy import Synergy
 
 ACTIONS = ("joints", "synergy")
@@ -99,7 +99,10 @@ class GraspEnv(gymnasium.Env):
 
     def actuator_action(self, action):
         """Turns an action of this environment into the policy's: one number in [-1, 1] for each actuator."""
-        action = np.clip(np.asarray(action, float), -1, 1)
+        action = np.asarray(action, float)
+        if action.shape != self.action_space.shape or not np.isfinite(action).all():
+            raise ValueError(f"an action is {self.action_space.shape[0]} finite numbers, not {action}")
+        action = np.clip(action, -1, 1)
         if self.synergy is None:
             return action
         full = np.empty(len(self.policy.actuators))
@@ -135,9 +138,7 @@ class GraspEnv(gymnasium.Env):
             return None
         if self.render_mode == "human":
             if self.viewer is None:
-                from mujoco import viewer
-
-                self.viewer = viewer.launch_passive(self.scene.model, self.scene.data)
+                self.viewer = open_viewer(self.scene)
             self.viewer.sync()
             return None
         if self.camera is None:

@@ -5,12 +5,14 @@ however a run draws them. MuJoCo 2.2.2 is the version that runs are made with; n
 presses the object.
 """
 
+import os
 import pathlib
+import sys
 
 import mujoco
 import numpy as np
 
-from eigenhand.files import read_json, value
+from eigenhand.files import read_json
 
 # The MuJoCo that runs are made with.
 RUN_VERSION = "2.2.2"
@@ -44,7 +46,7 @@ class Scene:
 
     def __init__(self, directory, policy, reference):
         self.config, self.reference, self.object = policy.config, reference, reference["object"]
-        self.task = value(self.config, "object", policy.path)
+        self.task = self.config["object"]
         self.policy = policy
         self.model = load_model(pathlib.Path(directory) / "scenes" / f"{self.object}.xml")
         self.data = mujoco.MjData(self.model)
@@ -57,10 +59,10 @@ class Scene:
         hand = self.id(mujoco.mjtObj.mjOBJ_BODY, names["hand_body"])
         self.is_hand = np.array([self._is_below(self.model.geom_bodyid[g], hand) for g in range(self.model.ngeom)])
         # The observation names its joints, so no order has to be known here. The id is the object's number.
-        sources = [entry["name"] for entry in self.config["observation"]]
+        sources = policy.observation
         self.tips = []
         self.columns = np.array([self._column(source) for source in sources])
-        self.tip_places = [self._place_of(tip) for tip in self.tips]
+        self.tip_places = [self._tip(tip) for tip in self.tips]
         # A policy that was trained without the object's number does not observe it.
         self.object_id = dict(zip(sources, reference["observation"])).get("object:id", np.nan)
         self.turned, self.axes = np.empty(4), np.empty(9)
@@ -187,10 +189,10 @@ class Scene:
         joint = self.id(mujoco.mjtObj.mjOBJ_JOINT, name)
         return self.model.jnt_qposadr[joint] if kind == "qpos" else self.model.nq + self.model.jnt_dofadr[joint]
 
-    def _place_of(self, tip):
-        """Returns the place of a fingertip, which is a site or a body; the simulation keeps it up to date."""
+    def _tip(self, tip):
+        """Returns where a fingertip's place stands in the simulation: an array's name, and an index. It is a site or a body."""
         site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, tip)
-        return self.data.site_xpos[site] if site >= 0 else self.data.xpos[self.id(mujoco.mjtObj.mjOBJ_BODY, tip)]
+        return ("site_xpos", site) if site >= 0 else ("xpos", self.id(mujoco.mjtObj.mjOBJ_BODY, tip))
 
     def observe(self):
         """Returns the observation, a float32 array; `policy.toml` names each of its numbers."""
@@ -200,7 +202,7 @@ class Scene:
         mujoco.mju_quat2Mat(self.axes, self.turned)
         axes = self.axes.reshape(3, 3)
         shape = ((axes * self.half_sizes) @ axes.T)[np.triu_indices(3)]
-        tips = [tip - place[:3] for tip in self.tip_places]
+        tips = [getattr(self.data, array)[i] - place[:3] for array, i in self.tip_places]
         return np.concatenate([self.data.qpos, self.data.qvel, [self.object_id], shape, *tips])[self.columns].astype(np.float32)
 
     @property
@@ -250,13 +252,26 @@ class Scene:
         return {name: float(np.max(np.abs(array - np.array(reference[name])))) for name, array in found.items()}
 
 
+def open_viewer(scene):
+    """Opens MuJoCo's viewer on a scene."""
+    # Without a display, the viewer would end the whole process.
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")):
+        raise RuntimeError("the viewer needs a display; without one, use render_mode=\"rgb_array\", or play --gif")
+    from mujoco import viewer
+
+    return viewer.launch_passive(scene.model, scene.data)
+
+
 class Camera:
     """Pictures of a scene, as arrays of height x width x 3 bytes. It needs OpenGL, and a MuJoCo newer than 2.2.2."""
 
     def __init__(self, model, width=640, height=480):
         if not hasattr(mujoco, "Renderer"):
             raise RuntimeError(f"mujoco {mujoco.__version__} has no Renderer: a newer one is needed for pictures")
-        self.renderer = mujoco.Renderer(model, height, width)
+        try:
+            self.renderer = mujoco.Renderer(model, height, width)
+        except Exception as error:  # MuJoCo raises errors of its own, which older versions do not have.
+            raise RuntimeError(f"there is no OpenGL for pictures ({error}); without a display, set MUJOCO_GL=egl or osmesa") from error
         self.camera = mujoco.MjvCamera()
         self.camera.lookat[:], self.camera.distance = (0, 0, 0.12), 0.6
         self.camera.azimuth, self.camera.elevation = 130, -15

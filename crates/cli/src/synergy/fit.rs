@@ -124,8 +124,17 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
         Space::Commands if !samples.joints.is_empty() => {
             let postures: Vec<&[f64]> = samples.rows.iter().map(|row| row.posture.as_slice()).collect();
             let mut joint_map = JointMap::fit(&synergy, &values, &samples.joints, &postures)?;
-            let slide = hand.as_ref().ok().map(|hand| &hand.manifest.slide.name);
-            joint_map.free.extend(samples.joints.iter().map(|j| j.name.clone()).filter(|name| Some(name) == slide));
+            match &hand {
+                Ok(hand) => {
+                    let free = hand.joints_free_of(synergy.joints().iter().map(|joint| joint.name.as_str()));
+                    joint_map
+                        .free
+                        .extend(free.into_iter().filter(|name| samples.joints.iter().any(|j| j.name == *name)));
+                }
+                Err(_) => eprintln!(
+                    "note: the hand is not known, so joint_map.free does not say which joints stand for the arm; --hand names it"
+                ),
+            }
             Some(joint_map)
         }
         _ => None,

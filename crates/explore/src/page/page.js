@@ -12,19 +12,20 @@
     return Math.min(Math.max(value, map.lower[j] ?? -Infinity), map.upper[j] ?? Infinity);
   });
   const numbers = () => state.z.map((number, i) => (i < state.count ? number : 0));
-  const joints = () => affine(data.joints, numbers());
+  // In a recorded episode, the joints are where they were measured.
+  const joints = () => (state.frame ? state.frame.q : affine(data.joints, numbers()));
   const commands = () => (data.commands ? affine(data.commands, numbers()) : []);
   // The second synergy: its sliders stand where those of the first do, as shares of their ranges.
   const other = data.beside && { ...data.beside, z: new Array(data.beside.numbers.length).fill(0) };
   const otherJoints = () => {
     const q = affine(other.joints, other.z.map((number, i) => (i < state.count ? number : 0)));
-    return data.joints.names.map((name) => q[other.joints.names.indexOf(name)] ?? 0);
+    return data.joints.names.map((name) => q[other.joints.names.indexOf(name)]);
   };
   const follow = (i) => {
     if (!other || i >= other.z.length) return;
     const [from, to] = [data.numbers[i], other.numbers[i]];
-    const share = state.z[i] < 0 ? state.z[i] / from.least : state.z[i] / from.greatest;
-    other.z[i] = share * (state.z[i] < 0 ? to.least : to.greatest);
+    const [bound, target] = state.z[i] < 0 ? [from.least, to.least] : [from.greatest, to.greatest];
+    other.z[i] = bound ? (state.z[i] / bound) * target : 0;
   };
   const named = (map, values) => Object.fromEntries(map.names.map((name, j) => [name, values[j]]));
 
@@ -217,7 +218,7 @@
       paint(scene.surfaces, motions(joints()), aside(-1));
       paint(scene.surfaces, motions(otherJoints()), aside(1));
     } else {
-      paint(scene.surfaces, motions(state.frame ? state.frame.q : joints()), [0, 0, 0]);
+      paint(scene.surfaces, motions(joints()), [0, 0, 0]);
       if (state.frame) paint([{ ...scene.objects[state.frame.recording], part: 0 }], [state.frame], [0, 0, 0]);
     }
   }
@@ -260,7 +261,7 @@
     input.addEventListener("input", () => {
       stop();
       state.z[i] = Number(input.value);
-      follow(i);
+      state.z.forEach((_, j) => follow(j));
       update();
     });
     box.append(label, input);
@@ -325,7 +326,7 @@
   };
   const moment = (grasp, name) => state.z.map((_, i) => grasp[name].z[i] ?? 0);
   // The grasp of the same object with the other synergy.
-  const twin = (grasp) => other && other.grasps.find((one) => one.object === grasp.object && one.numbers >= state.count);
+  const twin = (grasp) => other && other.grasps.find((one) => one.object === grasp.object && one.numbers >= Math.min(state.count, other.z.length));
   let running = 0;
   function stop() {
     running += 1;
@@ -369,7 +370,7 @@
     state.frame = { ...frame, recording };
     state.z = state.z.map((_, i) => frame.z[i] ?? 0);
     const outcome = step + 1 === frames.length ? (success ? ", success" : ", failure") : "";
-    byId("replayed").textContent = `${object}, ${(period * step).toFixed(1)} s${outcome}`;
+    byId("replayed").textContent = `${object}, ${(period * step).toFixed(1)} s${outcome}: joints as measured, nearest numbers`;
     update();
   };
   byId("recordings").hidden = data.recordings.length === 0 || Boolean(other);
@@ -478,10 +479,9 @@
     show,
     // Where the hand's fingertips and the object's first corner are in the frame that is shown.
     shown: () => {
-      const found = motions(state.frame.q);
       const corner = unpack(data.recordings[state.frame.recording].surface).slice(0, 3);
       return {
-        tips: Object.fromEntries(data.tips.map((tip) => [tip.name, place(found[tip.part], tip.at)])),
+        tips: tips(),
         corner: place(state.frame, [...corner]),
       };
     },

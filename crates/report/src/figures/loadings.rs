@@ -35,12 +35,14 @@ pub fn figure(runs: &[Run]) -> Result<Option<Figure>, ReportError> {
     let left = EDGE + LETTER * names.iter().map(|name| name.chars().count()).max().unwrap_or(0) as f64;
     let size =
         ((left + CELL[0] * k as f64 + EDGE) as u32, (TITLE + ABOVE + CELL[1] * names.len() as f64 + EDGE) as u32);
-    let title = format!("Loadings of the control synergy of {}", run.name);
+    let title = "Loadings of the control synergy".to_owned();
     Ok(Some(Figure {
         name: NAME.to_owned(),
-        caption: "Change of each actuator's command, in rad or m, for a change of a number by 1. Blue: the command rises with the \
-                  number; orange: it falls."
-            .to_owned(),
+        caption: format!(
+            "Run {}: change of each actuator's command, in the actuator's unit, for a change of a number by 1. Blue: the \
+             command rises with the number; orange: it falls.",
+            run.name
+        ),
         svg: draw(NAME, (size.0.max(420), size.1), |area| {
             let rest = head(area, &title, &[])?;
             let at = |x: f64, y: f64| (fine(x) as i32, fine(y) as i32);
