@@ -20,6 +20,13 @@ const PERIOD: Duration = Duration::from_millis(10);
 const CLOSE: u32 = 100;
 const SQUEEZE: u32 = 50;
 
+/// A part of the motion: from one named moment of a grasp to another.
+struct Part<'a> {
+    ticks: u32,
+    start: (&'a str, &'a Moment),
+    end: (&'a str, &'a Moment),
+}
+
 /// Commands the hand: each number is a joint position in rad or m, for the actuator of that name.
 fn send(_actuators: &[JointInfo], _command: &[f64]) {}
 
@@ -38,12 +45,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let grasp = file.grasps.iter().find(|grasp| grasp.object == *object && grasp.numbers == synergy.n_components());
     let grasp = grasp.ok_or_else(|| format!("there is no grasp of {object}"))?;
 
-    let parts: [(u32, (&str, &Moment), (&str, &Moment)); 2] = [
-        (CLOSE, ("open", &grasp.open), ("closed", &grasp.closed)),
-        (SQUEEZE, ("closed", &grasp.closed), ("held", &grasp.held)),
+    let parts = [
+        Part { ticks: CLOSE, start: ("open", &grasp.open), end: ("closed", &grasp.closed) },
+        Part { ticks: SQUEEZE, start: ("closed", &grasp.closed), end: ("held", &grasp.held) },
     ];
     let mut next_tick = Instant::now();
-    for (ticks, start, end) in parts {
+    for Part { ticks, start, end } in parts {
         for tick in 0..=ticks {
             let share = f64::from(tick) / f64::from(ticks);
             let z: Vec<f64> = start.1.z.iter().zip(&end.1.z).map(|(a, b)| a + share * (b - a)).collect();
