@@ -2,8 +2,10 @@
 
 use std::collections::BTreeSet;
 use std::io::Write as _;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Mutex;
 
 use eigenhand_hands::ScriptedGrasps;
 use eigenhand_onboard::new_hand;
@@ -22,13 +24,22 @@ fn published_hands_keep_the_contract() {
         say(&format!("skipped: no hands at {}; set EIGENHAND_HANDS_CORPUS to their directory", corpus.display()));
         return;
     };
-    for row in index.lines().skip(1) {
-        let mut columns = row.split('\t');
-        let (Some(hand), Some(entry)) = (columns.next(), columns.next()) else { continue };
-        let (report, _) = made_in(&few_grasps(), &corpus.join(hand).join(entry), |_| {});
-        let fingers: usize = columns.nth(3).and_then(|count| count.parse().ok()).unwrap();
-        assert_eq!(report.fingertips.len(), fingers, "{hand} {entry}");
-    }
+    // This test is the longest. All cores share its hands, so that none waits for it at the end.
+    let rows = Mutex::new(index.lines().skip(1));
+    let check = || {
+        while let Some(row) = { rows.lock().unwrap().next() } {
+            let mut columns = row.split('\t');
+            let (Some(hand), Some(entry)) = (columns.next(), columns.next()) else { continue };
+            let (report, _) = made_in(&few_grasps(), &corpus.join(hand).join(entry), |_| {});
+            let fingers: usize = columns.nth(3).and_then(|count| count.parse().ok()).unwrap();
+            assert_eq!(report.fingertips.len(), fingers, "{hand} {entry}");
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..std::thread::available_parallelism().map_or(1, NonZero::get) {
+            scope.spawn(check);
+        }
+    });
 }
 
 /// Python packages that carry hands: the module, and the directories of its hands.

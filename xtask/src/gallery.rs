@@ -178,7 +178,12 @@ fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Res
     if !step(&["render", &path(&run), "--out", &path(pictures.path())].map(str::to_owned))? {
         return Ok(false);
     }
-    let synergy = run.join("synergy").join(SYNERGY);
+    // An export is of this version, whichever trained the run.
+    let export = pictures.path().join("export");
+    if !step(&["export", &path(&run), "--out", &path(&export)].map(str::to_owned))? {
+        return Ok(false);
+    }
+    let synergy = export.join("synergy").join(SYNERGY);
     if !synergy.is_file() {
         bail!("{} has no synergy: its policy succeeds too seldom ({:.1} %)", run.display(), 100.0 * success);
     }
