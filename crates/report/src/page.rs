@@ -2,22 +2,23 @@
 
 mod content;
 mod few_numbers;
+mod layout;
+mod spaces;
 mod stress;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use eigenhand_train::config::Settings;
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
 use crate::figures::{FEW_NUMBERS, Figure};
 use crate::permutation::MOST_RELABELLINGS;
 use crate::records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, Quantity, RunRecord};
 use crate::run::{Run, best};
-use crate::spaces::SharedSpace;
 use crate::statements::{counted, differing_settings, probability};
 use crate::stats::{Estimate, FEWEST, RESAMPLES, SIGNIFICANT, Verdict};
 
-const STYLE: &str = include_str!("page.css");
+pub(crate) use layout::{document, drawing, heading, notes, table, words};
 
 /// Renders the page.
 pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
@@ -34,7 +35,7 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
             (few_numbers::table(analysis))
             (lambda_table(analysis))
             (differences_table(analysis))
-            (spaces_section(analysis))
+            (spaces::section(analysis))
             (content::section(analysis))
             (stress::section(analysis))
             (heading("Figures"))
@@ -53,49 +54,6 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
     )
 }
 
-/// Returns a self-contained page with a title and a content.
-pub(crate) fn document(title: &str, content: &Markup) -> String {
-    html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { (title) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body { main { h1 { (title) } (contents(&content.0)) (content) } }
-        }
-    }
-    .into_string()
-}
-
-/// Beginning and end of a heading's id, and end of the heading.
-const HEADING: [&str; 3] = ["<h2 id=\"", "\">", "</h2>"];
-
-/// A heading that the contents of the page lead to.
-pub(crate) fn heading(title: &str) -> Markup {
-    let letter = |c: char| if c.is_ascii_alphanumeric() { c.to_ascii_lowercase() } else { '-' };
-    let id: String = title.chars().map(letter).collect();
-    html! { h2 id=(id.trim_matches('-')) { (title) } }
-}
-
-/// Links to the headings of a page.
-fn contents(page: &str) -> Markup {
-    let headings = page.split(HEADING[0]).skip(1).filter_map(|rest| {
-        let (id, rest) = rest.split_once(HEADING[1])?;
-        Some((id, rest.split_once(HEADING[2])?.0))
-    });
-    html! {
-        nav aria-label="Contents" {
-            @for (i, (id, title)) in headings.enumerate() {
-                @if i > 0 { " \u{b7} " }
-                a href={ "#" (id) } { (PreEscaped(title)) }
-            }
-        }
-    }
-}
-
 /// The picture of the best run, and where its explorer is.
 fn pictures(runs: &[Run]) -> Markup {
     let Some((run, png)) = best(runs).and_then(|run| Some((run, run.picture.as_ref()?))) else { return html! {} };
@@ -107,49 +65,6 @@ fn pictures(runs: &[Run]) -> Markup {
                 "The run " (run.name) ": a grasp, and the hand at both ends of its first numbers. The command " code { "explore" }
                 " with this run makes a page in which you move the numbers yourself."
             }
-        }
-    }
-}
-
-/// Whether the runs of each lambda find the same space.
-fn spaces_section(analysis: &Analysis) -> Markup {
-    let found: Vec<_> = analysis.lambdas.iter().filter_map(|l| Some((l.lambda, l.space.as_ref()?))).collect();
-    if found.is_empty() {
-        return html! {};
-    }
-    let header = words(&[
-        "",
-        "squared cosine",
-        "of random directions",
-        "own space (%)",
-        "space of another run (%)",
-        "random directions (%)",
-    ]);
-    let row = |(lambda, space): &(f64, &SharedSpace)| {
-        let percent = |share: f64| format!("{:.1}", 100.0 * share);
-        vec![
-            format!("\u{3bb}\u{a0}=\u{a0}{lambda}, {}", counted(space.n_runs, "run").replace(' ', "\u{a0}")),
-            format!("{:.2}", space.squared_cosine),
-            format!("{:.2}", space.chance),
-            percent(space.own),
-            percent(space.other),
-            percent(space.chance),
-        ]
-    };
-    html! {
-        (heading("Do the runs find the same space?"))
-        (table(&header, &found.iter().map(row).collect::<Vec<_>>()))
-        p.soft {
-            "Medians over all pairs of runs. Squared cosine: mean over the principal angles between the control synergies of two "
-            "runs, 1 for the same space. The last columns say how much of the variance of a run's commands each space holds."
-        }
-    }
-}
-
-pub(crate) fn notes(notes: &[String]) -> Markup {
-    html! {
-        @if !notes.is_empty() {
-            div.notes { ul { @for note in notes { li { (note) } } } }
         }
     }
 }
@@ -172,40 +87,6 @@ fn subtitle(analysis: &Analysis) -> String {
          lambdas.csv and report.json.",
         analysis.runs.len()
     )
-}
-
-pub(crate) fn drawing(figure: &Figure) -> Markup {
-    // The XML declaration before the first tag is left out, because the page declares its own encoding.
-    let svg = figure.svg.find("<svg").map_or("", |start| &figure.svg[start..]);
-    html! {
-        figure {
-            div role="img" aria-label=(figure.title) { (PreEscaped(svg)) }
-            figcaption { (figure.caption) " " a href={ "figures/" (figure.name) ".csv" } { "Its numbers as CSV" } "." }
-        }
-    }
-}
-
-pub(crate) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
-    html! {
-        div.scroll {
-            table {
-                thead { tr { @for cell in header { th scope="col" { (cell) } } } }
-                tbody {
-                    @for row in rows {
-                        tr {
-                            @for (i, cell) in row.iter().enumerate() {
-                                @if i == 0 { th scope="row" { (cell) } } @else { td { (cell) } }
-                            }
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
-pub(crate) fn words(cells: &[&str]) -> Vec<String> {
-    cells.iter().map(|cell| (*cell).to_owned()).collect()
 }
 
 /// `93.1 (91.0 to 95.2)`
@@ -508,6 +389,7 @@ fn method() -> Markup {
 
 #[cfg(test)]
 mod tests {
+    use super::layout::HEADING;
     use super::*;
     use crate::analysis::analyse;
     use crate::figures::all;
