@@ -14,6 +14,21 @@ pub const NAME: &str = "manifest.json";
 /// Version of the file.
 const SCHEMA: u32 = 1;
 
+/// Suffix of a file of an earlier export that somebody changed.
+const EDITED: &str = ".edited";
+
+/// What exports write besides the files of the bundle.
+const WRITTEN: [&str; 8] = [
+    "synergy/",
+    "synergy-postures/",
+    "scenes/",
+    "ros2/",
+    "synergy.npz",
+    "policy.onnx",
+    "policy.safetensors",
+    "policy.toml",
+];
+
 #[derive(Serialize, Deserialize)]
 struct Manifest {
     schema: u32,
@@ -91,20 +106,6 @@ pub fn replace(directory: &Path, new: &Path) -> Result<Vec<String>, BundleError>
     }
     Ok(notes)
 }
-
-/// Suffix of a file of an earlier export that somebody changed.
-const EDITED: &str = ".edited";
-/// What exports write besides the files of the bundle.
-const WRITTEN: [&str; 8] = [
-    "synergy/",
-    "synergy-postures/",
-    "scenes/",
-    "ros2/",
-    "synergy.npz",
-    "policy.onnx",
-    "policy.safetensors",
-    "policy.toml",
-];
 
 fn is_of_an_export(path: &str) -> bool {
     WRITTEN.iter().any(|name| path == *name || (name.ends_with('/') && path.starts_with(name)))

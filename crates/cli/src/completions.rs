@@ -18,11 +18,15 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
+    print(&script(args.shell)?)?;
+    Ok(Outcome::Done)
+}
+
+fn script(shell: Shell) -> anyhow::Result<String> {
     let mut command = Command::augment_subcommands(clap::Command::new(program::NAME));
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut command, program::NAME, &mut script);
-    print(&String::from_utf8(script)?)?;
-    Ok(Outcome::Done)
+    clap_complete::generate(shell, &mut command, program::NAME, &mut script);
+    Ok(String::from_utf8(script)?)
 }
 
 #[cfg(test)]
@@ -32,10 +36,7 @@ mod tests {
     #[test]
     fn every_shell_has_a_script_with_the_commands() {
         for shell in [Shell::Bash, Shell::Zsh, Shell::Fish] {
-            let mut command = Command::augment_subcommands(clap::Command::new(program::NAME));
-            let mut script = Vec::new();
-            clap_complete::generate(shell, &mut command, program::NAME, &mut script);
-            let script = String::from_utf8(script).expect("text");
+            let script = script(shell).expect("text");
             assert!(script.contains("reproduce") && script.contains("lambda") && script.contains("synergy"), "{shell}");
         }
     }

@@ -80,9 +80,8 @@ impl SharedSpace {
             "find different spaces"
         };
         format!(
-            "With lambda {lambda}, {} {found}: {} of one run express {:.0} % of the variance of another run's commands, its \
-             own express {:.0} %, and random directions {:.0} %.",
-            format_args!("{n_runs} runs with a control synergy"),
+            "With lambda {lambda}, {n_runs} runs with a control synergy {found}: {} of one run express {:.0} % of the \
+             variance of another run's commands, its own express {:.0} %, and random directions {:.0} %.",
             counted(n_components, "component"),
             100.0 * other,
             100.0 * own,

@@ -98,8 +98,8 @@ impl MotorMap {
     /// Reads `motors.toml` for the actuators of a hand's synergy.
     ///
     /// # Errors
-    /// A file that cannot be read, is no TOML, or is of another hand; an actuator without a motor or with two, an id that two motors have, or a
-    /// sign, scale or limit that is none. The message names the motor and what is expected.
+    /// A file that cannot be read, is no TOML, or is of another hand; an actuator without a motor or with two, an id that two
+    /// motors have, or a sign, scale or limit that is none. The message names the motor and what is expected.
     pub fn read(path: impl AsRef<Path>, hand: &str, actuators: &[JointInfo]) -> Result<MotorMap, SynergyError> {
         let path = path.as_ref();
         let text = std::fs::read_to_string(path).map_err(SynergyError::io("read", path))?;

@@ -144,43 +144,34 @@ impl Trainer {
 
     /// Writes products and summary.
     fn write(self, measured: Measured, complete: bool) -> Result<Summary, TrainError> {
-        let Measured {
-            policy,
-            policy_episode,
-            motions,
-            with_fewer,
-            described,
-            evaluation,
-            success_with_components,
-            other_objects,
-        } = measured;
         let wall_s = self.wall_s();
         let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
         // The export simulates too. Besides replay, the threads' simulations take most of the memory.
         drop(pool);
         let Assignment { config, provenance, hand, task, run, .. } = &assignment;
-        let evaluation = evaluation.as_ref();
+        let evaluation = measured.evaluation.as_ref();
         let success_rate = evaluation.map(Evaluation::success_rate);
         let synergy = reward.feedback.synergy();
         let postures = postures.newest();
         let mut product = ControlProduct::of(
             &control.actuators,
             &task.posture_joints,
-            &described,
-            &motions,
-            &with_fewer,
+            &measured.described,
+            &measured.motions,
+            &measured.with_fewer,
             config.synergy.components,
         )?;
         if let (Some(product), Some(evaluation)) = (&mut product, evaluation) {
-            product.recommend(&success_with_components, evaluation.success_rate(), evaluation.all.episodes);
+            let with_few = &measured.success_with_components;
+            product.recommend(with_few, evaluation.success_rate(), evaluation.all.episodes);
         }
         let products = Products {
             hand,
             task,
             config,
             provenance,
-            policy: &policy,
-            policy_episode: Some(policy_episode),
+            policy: &measured.policy,
+            policy_episode: Some(measured.policy_episode),
             control: product,
             synergy,
             postures,
@@ -205,12 +196,12 @@ impl Trainer {
             eval_episodes: evaluation.map_or(0, |e| e.all.episodes),
             eval_successes: evaluation.map(|e| e.all.successes),
             components: config.synergy.components,
-            k_for_95: success_rate.and_then(|all| fewest_components(&success_with_components, all)),
-            success_with_components,
-            other_objects,
+            k_for_95: success_rate.and_then(|all| fewest_components(&measured.success_with_components, all)),
+            success_with_components: measured.success_with_components,
+            other_objects: measured.other_objects,
             mean_penetration_m: evaluation.map(|e| e.mean_penetration),
             mean_self_penetration_m: evaluation.and_then(|e| e.mean_self_penetration),
-            policy_episode,
+            policy_episode: measured.policy_episode,
             last_evaluation: counters.last_evaluation,
             n_postures: counters.postures,
             contribution: trusted.map(|s| s.contribution().to_vec()).unwrap_or_default(),
