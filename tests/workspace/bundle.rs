@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use eigenhand_bundle::{Bundle, BundleError, MOTORS, export};
-use eigenhand_hands::{Hand, SearchPath};
+use eigenhand_hands::SearchPath;
 use eigenhand_render::{Film, grasp};
 use eigenhand_synergy::{Compared, Comparison, JointInfo, Synergy, SynergyFile, Unit};
 use eigenhand_train::FinishedRun;
@@ -11,30 +11,22 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use tempfile::TempDir;
 
-use crate::gripper::{ANEW, LONGER, TURN, VANE};
-use crate::support::{Run, answer, python_has, tiny, write_gripper};
+use crate::support::{answer, learned, python_has};
 
 /// A finished run in few numbers, and its export.
 struct Exported {
     run: FinishedRun,
     out: TempDir,
-    _trained: Run,
-    _plugins: TempDir,
 }
 
 impl Exported {
     fn new() -> Exported {
-        let plugins = TempDir::new().unwrap();
-        let directory = plugins.path().join("gripper");
-        std::fs::create_dir(&directory).unwrap();
-        write_gripper(&directory, VANE, TURN);
-        let trained = Run::new(Hand::load(&directory).unwrap());
-        trained.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"], &ANEW].concat()));
+        let (trained, plugins) = learned();
         let mut hands = SearchPath::new();
-        hands.push(plugins.path(), "the test");
+        hands.push(plugins, "the test");
         let run = FinishedRun::open(&trained.path, &hands, &[]).unwrap();
         let out = TempDir::new().unwrap();
-        Exported { run, out, _trained: trained, _plugins: plugins }
+        Exported { run, out }
     }
 
     fn synergy(&self) -> SynergyFile {

@@ -176,7 +176,7 @@ fn driving_with_as_many_numbers_as_actuators_is_the_policy_and_with_fewer_it_is_
         run.train(&tiny(&[&LONGER[..], &["episodes=60", "lambda=0", "evaluation.selection_episodes=40"]].concat()));
     let place = TempDir::new().unwrap();
     let finished = open(&run, &place);
-    let drive = |free: &Freedom| finished.drive(0..=2, free, 20, 3, 1, |_| {});
+    let drive = |free: &Freedom| finished.drive(0..=2 - free.actuators.len(), free, 20, 3, 1, |_| {});
     let found = drive(&Freedom::default()).unwrap();
     let rates: Vec<f64> = found.rows.iter().map(|row| row.success_rate).collect();
     let shares: Vec<f64> = found.rows.iter().map(|row| row.variance_share).collect();
@@ -188,6 +188,8 @@ fn driving_with_as_many_numbers_as_actuators_is_the_policy_and_with_fewer_it_is_
     let always = drive(&Freedom { steps: 1000, actuators: Vec::new() }).unwrap();
     assert!(always.rows.iter().all(|row| row.success_rate == found.success_rate), "no step is projected");
     let without_vane = drive(&Freedom { steps: 0, actuators: vec!["turn".to_owned()] }).unwrap();
+    let error = finished.drive(0..=3, &Freedom::default(), 1, 3, 1, |_| {}).unwrap_err().to_string();
+    assert!(error.contains("--components 0..3") && error.contains("expected at most 2"), "{error}");
     assert_eq!(without_vane.rows.len(), 2, "one number for the actuator that is left");
     assert_eq!(summary.success_with_components.len(), 3);
     assert_eq!(summary.success_with_components[2], summary.success_rate.unwrap());

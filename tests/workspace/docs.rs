@@ -228,3 +228,19 @@ fn the_table_of_results_is_that_of_the_runs() {
         rows(&read("docs/results/README.md")).into_iter().filter(|row| row[0].parse::<f64>().is_ok()).collect();
     assert_eq!(written, runs);
 }
+
+/// The tests that the page on reliability names.
+#[test]
+fn the_tests_that_a_page_names_exist() {
+    let page = std::fs::read_to_string(workspace().join("docs/reliability.md")).unwrap();
+    let names: Vec<&str> = page.split('`').skip(1).step_by(2).filter(|word| word.matches('_').count() > 2).collect();
+    assert!(names.len() > 15, "{names:?}");
+    let code: String = ["crates", "tests", "xtask"]
+        .iter()
+        .flat_map(|place| crate::source::rust_files(&workspace().join(place)))
+        .map(|file| std::fs::read_to_string(file).unwrap())
+        .collect();
+    for name in names {
+        assert!(code.contains(&format!("fn {name}(")), "there is no test {name}");
+    }
+}

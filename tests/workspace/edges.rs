@@ -8,14 +8,14 @@ use crate::source;
 use crate::support::workspace;
 
 /// Every crate, with the crates of this workspace on which it may depend for any purpose.
-const ALLOWED: [(&str, &[&str]); 17] = [
+const ALLOWED: [(&str, &[&str]); 18] = [
     ("eigenhand-hand-abi", &[]),
     ("eigenhand-files", &[]),
     ("eigenhand-font", &[]),
     ("eigenhand-posture", &[]),
     ("eigenhand-mujoco", &[]),
-    ("eigenhand-hands", &["eigenhand-hand-abi", "eigenhand-posture"]),
-    ("eigenhand-sim", &["eigenhand-hands", "eigenhand-mujoco"]),
+    ("eigenhand-hands", &["eigenhand-files", "eigenhand-hand-abi", "eigenhand-posture"]),
+    ("eigenhand-sim", &["eigenhand-files", "eigenhand-hands", "eigenhand-mujoco"]),
     ("eigenhand-render", &["eigenhand-font", "eigenhand-hands", "eigenhand-mujoco", "eigenhand-sim"]),
     (
         "eigenhand-onboard",
@@ -23,6 +23,7 @@ const ALLOWED: [(&str, &[&str]); 17] = [
     ),
     ("eigenhand-rl", &[]),
     ("eigenhand-synergy", &["eigenhand-posture"]),
+    ("eigenhand-reducers", &["eigenhand-rl", "eigenhand-synergy"]),
     (
         "eigenhand-train",
         &[
@@ -64,6 +65,7 @@ const ALLOWED: [(&str, &[&str]); 17] = [
             "eigenhand-hands",
             "eigenhand-mujoco",
             "eigenhand-onboard",
+            "eigenhand-reducers",
             "eigenhand-render",
             "eigenhand-report",
             "eigenhand-sim",
@@ -76,8 +78,10 @@ const ALLOWED: [(&str, &[&str]); 17] = [
 ];
 
 /// The developers' command line. It depends on the compiled plugin so that the plugin's library is built beside it.
-const XTASK: (&str, &[&str]) =
-    ("xtask", &["eigenhand-cli", "eigenhand-files", "eigenhand-hands", "eigenhand-hand-parametric"]);
+const XTASK: (&str, &[&str]) = (
+    "xtask",
+    &["eigenhand-cli", "eigenhand-files", "eigenhand-hands", "eigenhand-hand-parametric", "eigenhand-synergy"],
+);
 
 /// The package that may depend on all others, because it tests them together.
 const TESTS: &str = "eigenhand-tests";

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 
-use eigenhand_explore::{Recording, Shown, page};
+use eigenhand_explore::{Recording, Shown, check, page};
+use eigenhand_hands::Hand;
 use eigenhand_mujoco::Data;
 use eigenhand_render::surface;
 use eigenhand_sim::scene::MOUNT;
@@ -103,7 +104,7 @@ const frame = eigenhand.shown();
 document.body.insertAdjacentHTML("beforeend", `<pre>RESULT${JSON.stringify(frame)}END</pre>`);
 </script></body>"#;
 const BESIDE_SCRIPT: &str = r#"<script>
-eigenhand.set(NUMBERS);
+eigenhand.CHANGE;
 document.body.insertAdjacentHTML("beforeend", `<pre>RESULT${JSON.stringify(eigenhand.other())}END</pre>`);
 </script></body>"#;
 
@@ -122,12 +123,13 @@ fn a_recorded_episode_and_a_second_synergy_are_where_the_simulator_and_the_libra
     let (scene, mut env) = (&task.scenes[0], GraspEnv::new(&task).unwrap());
     env.reset(0, &mut StdRng::seed_from_u64(3)).unwrap();
     let mut recording = Recording::begin(&hand, scene, &env, 0.1).unwrap();
-    recording.add(&env, vec![0.1]);
+    recording.add(&env, vec![0.1], Vec::new());
     // The hand rises and closes, and the object is pushed aside.
     let action: Vec<f32> = (0..task.action_len()).map(|i| if i % 2 == 0 { 0.8 } else { -0.3 }).collect();
     env.push_object([0.4, 0.3, 0.0]);
     (0..12).for_each(|_| _ = env.step(&action).unwrap());
-    recording.add(&env, vec![0.2]);
+    let nearest = [0.3, -0.2];
+    recording.add(&env, vec![0.2], nearest.to_vec());
     recording.end(true);
 
     let place = TempDir::new().unwrap();
@@ -137,7 +139,8 @@ fn a_recorded_episode_and_a_second_synergy_are_where_the_simulator_and_the_libra
         path
     };
     let shown = Shown { file: &file, title: "a" };
-    let text = page(&hand, &task, shown, None, &[recording]).unwrap();
+    let recordings = [recording];
+    let text = page(&hand, &task, shown, None, &recordings).unwrap();
     let found: ShownFrame = shown_in(&browser, &open("frame.html", &text, FRAME_SCRIPT), &place);
     // The page's hand stands where it is in the open posture.
     let reference = task.open_hand(scene).unwrap();
@@ -156,6 +159,9 @@ fn a_recorded_episode_and_a_second_synergy_are_where_the_simulator_and_the_libra
     let corner = surface(&data, scene.object_geom())[0][0].position + moved;
     assert!((nalgebra::Vector3::from(found.corner) - corner).norm() < 1e-5, "{:?} is not {corner:?}", found.corner);
 
+    let foreign = SynergyFile::read(workspace().join("synergies/fourfinger/synergy.toml")).unwrap();
+    assert!(check(&hand, &file, Some(&foreign)).is_err(), "a synergy of another hand");
+    check(&hand, &file, Some(&file)).unwrap();
     // The second synergy has two numbers, which take the same shares of their ranges.
     let map = file.joint_map.clone().unwrap();
     let second = SynergyFile {
@@ -166,17 +172,118 @@ fn a_recorded_episode_and_a_second_synergy_are_where_the_simulator_and_the_libra
         ..file.clone()
     };
     let numbers = [0.5 * file.synergy.coefficient_max()[0], 0.25 * file.synergy.coefficient_min()[1], 0.7];
-    let script = BESIDE_SCRIPT.replace("NUMBERS", &format!("{numbers:?}"));
-    let text = page(&hand, &task, shown, Some(Shown { file: &second, title: "b" }), &[]).unwrap();
-    let found: BTreeMap<String, f64> = shown_in(&browser, &open("beside.html", &text, &script), &place);
+    let text = page(&hand, &task, shown, Some(Shown { file: &second, title: "b" }), &recordings).unwrap();
     let map = second.joint_map.as_ref().unwrap();
-    for (joint, expected) in map.joints.iter().zip(map.decode(&numbers[..2])) {
-        assert!((found[&joint.name] - expected).abs() < TOLERANCE, "{}: {found:?}", joint.name);
+    for (change, expected) in [(format!("set({numbers:?})"), &numbers[..2]), ("show(0, 1)".to_owned(), &nearest)] {
+        let script = BESIDE_SCRIPT.replace("CHANGE", &change);
+        let found: BTreeMap<String, f64> = shown_in(&browser, &open("beside.html", &text, &script), &place);
+        for (joint, expected) in map.joints.iter().zip(map.decode(expected)) {
+            assert!((found[&joint.name] - expected).abs() < TOLERANCE, "{change}, {}: {found:?}", joint.name);
+        }
     }
 }
 
-/// Opens a page, and reads what its script found. Whatever the page says to the console fails the test.
-fn shown_in<T: DeserializeOwned>(browser: &PathBuf, page: &std::path::Path, place: &TempDir) -> T {
+/// Environment variable: a file to which the screenshot goes too, such as the README's.
+const SCREENSHOT: &str = "EIGENHAND_SCREENSHOT";
+/// Size of the screenshot in pixels.
+const WINDOW: [u32; 2] = [1280, 800];
+/// Shows the middle of an episode.
+const GRASP_SCRIPT: &str = r#"<script>
+document.getElementById("recording").value = 0;
+eigenhand.show(0, FRAME);
+</script></body>"#;
+
+#[test]
+fn the_page_shows_a_grasp() {
+    let Some(browser) = browser() else { return };
+    let file = SynergyFile::read(workspace().join("synergies/shadow/synergy.toml")).unwrap();
+    let hand = registry().get(&file.hand).unwrap();
+    let task = Arc::new(GraspTask::new(&mujoco(), &hand, &setting()).unwrap());
+    let recording = grasp(&hand, &task, &file);
+    let shown = Shown { file: &file, title: "shadow, a ready synergy" };
+    let text = page(&hand, &task, shown, None, &[recording]).unwrap();
+    let place = TempDir::new().unwrap();
+    let (path, picture) = (place.path().join("page.html"), place.path().join("page.png"));
+    std::fs::write(&path, text.replace("</body>", &GRASP_SCRIPT.replace("FRAME", &(FRAMES - 1).to_string()))).unwrap();
+    let window = format!("--window-size={},{}", WINDOW[0], WINDOW[1]);
+    visit(&browser, &path, &place, &[&window, &format!("--screenshot={}", picture.display())]);
+    let png = std::fs::read(&picture).unwrap();
+    let mut reader = png::Decoder::new(std::io::Cursor::new(&png)).read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let shown = reader.next_frame(&mut pixels).unwrap();
+    assert_eq!([shown.width, shown.height], WINDOW);
+    // The object is orange, and the fingertips are blue.
+    let count = |is: fn(i32, i32, i32) -> bool| {
+        let colours = pixels.chunks_exact(shown.color_type.samples());
+        colours.filter(|colour| is(colour[0].into(), colour[1].into(), colour[2].into())).count()
+    };
+    let orange = count(|red, green, blue| red > 120 && red > green + 40 && green > blue + 20);
+    let blue = count(|red, green, blue| blue > 100 && blue > red + 40 && green > red);
+    assert!(orange > 10_000 && blue > 2_000, "{orange} pixels of the object, {blue} of fingertips");
+    if let Some(copy) = std::env::var_os(SCREENSHOT) {
+        std::fs::write(copy, png).unwrap();
+    }
+}
+
+/// Frames of the recorded grasp, and control steps from one to the next.
+const FRAMES: usize = 30;
+const FRAME_STEPS: usize = 4;
+
+/// Grasps and lifts an object with the numbers of a mean grasp alone: open, down, closed, held, up.
+fn grasp(hand: &Hand, task: &Arc<GraspTask>, file: &SynergyFile) -> Recording {
+    let k = file.synergy.n_components();
+    let mean = file.grasps.iter().find(|grasp| grasp.object == "cube" && grasp.numbers == k).unwrap();
+    let map = file.joint_map.as_ref().unwrap();
+    let slide = map.joints.iter().position(|joint| joint.name == hand.manifest.slide.name).unwrap();
+    let index = task.scenes.iter().position(|scene| scene.object.name == mean.object).unwrap();
+    let mut env = GraspEnv::new(task).unwrap();
+    env.start_open();
+    env.reset(index, &mut StdRng::seed_from_u64(1)).unwrap();
+    let start = env.simulation().ctrl()[task.slide_action()];
+    // The hand comes down before it closes, so it comes lower than the policy, which closes on its way.
+    let (low, high) = (mean.closed.q[slide] - 0.04, mean.held.q[slide]);
+    // (share of the episode, numbers, height of the slide); between two of them, commands change steadily
+    let moments = [
+        (0.0, &mean.open.z, start),
+        (0.25, &mean.open.z, low),
+        (0.45, &mean.closed.z, low),
+        (0.55, &mean.held.z, low),
+        (0.85, &mean.held.z, high),
+        (1.0, &mean.held.z, high),
+    ];
+    let mut recording = Recording::begin(hand, &task.scenes[index], &env, 0.1).unwrap();
+    let before = env.object_pose()[2];
+    for step in 0..FRAMES * FRAME_STEPS {
+        let share = step as f64 / (FRAMES * FRAME_STEPS) as f64;
+        let next = moments.iter().position(|moment| moment.0 > share).unwrap();
+        let [(t0, z0, height0), (t1, z1, height1)] = [moments[next - 1], moments[next]];
+        let between = |from: f64, to: f64| from + (to - from) * (share - t0) / (t1 - t0);
+        let z: Vec<f64> = z0.iter().zip(z1).map(|(from, to)| between(*from, *to)).collect();
+        if step % FRAME_STEPS == 0 {
+            recording.add(&env, z.clone(), Vec::new());
+        }
+        let mut controls = env.simulation().ctrl().to_vec();
+        for (coordinate, command) in file.synergy.joints().iter().zip(file.synergy.decode(&z)) {
+            controls[task.actuators.iter().position(|name| *name == coordinate.name).unwrap()] = command;
+        }
+        controls[task.slide_action()] = between(height0, height1);
+        env.step(&task.action_of(&controls)).unwrap();
+    }
+    let lift = env.object_pose()[2] - before;
+    assert!(lift > 0.05, "the object is lifted by {lift} m");
+    recording.end(true);
+    recording
+}
+
+/// Opens a page, and reads what its script found.
+fn shown_in<T: DeserializeOwned>(browser: &Path, page: &Path, place: &TempDir) -> T {
+    let text = visit(browser, page, place, &["--window-size=1000,700", "--dump-dom"]);
+    let result = text.rsplit("<pre>RESULT").next().and_then(|rest| rest.split("END</pre>").next());
+    serde_json::from_str(result.unwrap_or_else(|| panic!("the script did not end: {text}"))).unwrap()
+}
+
+/// Opens a page, and returns what the browser printed. Whatever the page says to the console fails the test.
+fn visit(browser: &Path, page: &Path, place: &TempDir, options: &[&str]) -> String {
     let output = Command::new(browser)
         .args([
             "--headless",
@@ -189,10 +296,10 @@ fn shown_in<T: DeserializeOwned>(browser: &PathBuf, page: &std::path::Path, plac
             "--disable-quic",
             "--disable-background-networking",
             "--disable-dev-shm-usage",
-            "--window-size=1000,700",
             "--enable-logging=stderr",
+            "--virtual-time-budget=5000",
         ])
-        .args(["--virtual-time-budget=5000", "--dump-dom"])
+        .args(options)
         .arg(format!("--user-data-dir={}", place.path().join("profile").display()))
         .arg(format!("file://{}", page.display()))
         .output()
@@ -200,9 +307,7 @@ fn shown_in<T: DeserializeOwned>(browser: &PathBuf, page: &std::path::Path, plac
     let said = String::from_utf8_lossy(&output.stderr);
     let console: Vec<&str> = said.lines().filter(|line| line.contains(":CONSOLE")).collect();
     assert!(console.is_empty(), "{console:?}");
-    let text = String::from_utf8_lossy(&output.stdout);
-    let result = text.rsplit("<pre>RESULT").next().and_then(|rest| rest.split("END</pre>").next());
-    serde_json::from_str(result.unwrap_or_else(|| panic!("the script did not end: {said}"))).unwrap()
+    String::from_utf8_lossy(&output.stdout).into_owned()
 }
 
 fn browser() -> Option<PathBuf> {

@@ -79,6 +79,26 @@ fn a_gripper_is_made_out() {
     assert!(down.z < -0.999, "{down}");
 }
 
+/// Palm, fingers and fingertips of a model without colours have different ones; stated colours stay.
+#[test]
+fn a_plain_model_gets_colours() {
+    let place = TempDir::new().unwrap();
+    let colours = |name: &str, text: &str| {
+        let mut request = request(&file(&place, text), place.path().join(name));
+        request.hints.approach = Some([0.0, 0.0, -1.0]);
+        let report = new_hand(&request, &mujoco(), &few_grasps(), &mut Vec::new(), &|_| {}).unwrap();
+        let model = std::fs::read_to_string(report.directory.join("model.xml")).unwrap();
+        let values = model.split("rgba=\"").skip(1).filter_map(|rest| rest.split('"').next());
+        values.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let plain = colours("plain", GRIPPER_MODEL);
+    assert_eq!(plain.len(), 3, "palm and two tips: {plain:?}");
+    assert!(plain[0] != plain[1] && plain[1] == plain[2], "{plain:?}");
+    let red = "1 0 0 1";
+    let stated = GRIPPER_MODEL.replacen("<geom type", &format!("<geom rgba=\"{red}\" type"), 1);
+    assert_eq!(colours("stated", &stated), [red]);
+}
+
 /// A hand that hangs beside its objects is brought over them.
 #[test]
 fn scripted_grasps_find_the_place() {

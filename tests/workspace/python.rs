@@ -1,6 +1,7 @@
 //! The Python package and the Python examples, on runs of this workspace.
 
 use std::collections::BTreeMap;
+use std::io::Write as _;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::process::Command;
@@ -12,9 +13,10 @@ use eigenhand_sim::GraspEnv;
 use rand::SeedableRng;
 use rand::rngs::StdRng;
 
-use crate::confinement::gripper_with_vane;
-use crate::gripper::{ANEW, LONGER};
-use crate::support::{DieAfter, Run, answer, gripper, python, python_has, registry, run_python, task, tiny, workspace};
+use crate::gripper::LONGER;
+use crate::support::{
+    DieAfter, Run, answer, gripper, learned, python, python_has, registry, run_python, task, tiny, workspace,
+};
 
 /// Plays episodes with the package, and returns what it printed.
 fn play(path: &Path, arguments: &[&str]) -> String {
@@ -99,8 +101,7 @@ fn the_policy_runs_with_fewer_numbers() {
     if !python_has("eigenhand, mujoco") {
         return;
     }
-    let run = Run::new(gripper_with_vane());
-    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"], &ANEW].concat()));
+    let (run, _) = learned();
     let played = |arguments: &[&str]| {
         let printed = play(&run.path, &[&["--episodes", "3"], arguments].concat());
         printed.lines().filter(|line| line.contains("episode")).map(str::to_owned).collect::<Vec<_>>()
@@ -300,8 +301,7 @@ fn the_task_is_a_gymnasium_environment() {
     if !python_has("eigenhand, mujoco, gymnasium") {
         return;
     }
-    let run = Run::new(gripper_with_vane());
-    run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"], &ANEW].concat()));
+    let (run, _) = learned();
     let script = r#"
 import json, sys
 import eigenhand, gymnasium
@@ -372,6 +372,24 @@ print(json.dumps([plain, episode("synergy", numbers), wrong]))
     assert!(plain.1, "the gripper has learned: {:?}", plain.0);
     assert_eq!(wrong.len(), 4, "{wrong:?}");
     assert!(wrong[2].contains("moon") && wrong[2].contains("cube") && wrong[3].contains("0 to 2"), "{wrong:?}");
+}
+
+/// Runs where Stable-Baselines3 is installed, which brings PyTorch; the packages of the other tests do not have it.
+#[test]
+fn stable_baselines3_trains_in_the_task() {
+    let probe = Command::new(python()).args(["-c", "import eigenhand, gymnasium, stable_baselines3"]).output();
+    if !probe.is_ok_and(|output| output.status.success()) {
+        let _ = writeln!(std::io::stderr(), "skipped: {} has no stable_baselines3", python());
+        return;
+    }
+    let (run, _) = learned();
+    let example = workspace().join("examples/python/train_sb3.py");
+    let run = run.path.to_str().unwrap();
+    for space in [&[][..], &["--numbers", "1"]] {
+        let short = ["--steps", "1200", "--episodes", "2"];
+        let printed = run_python(&[&[example.to_str().unwrap(), run], &short[..], space].concat());
+        assert!(printed.lines().any(|line| line.starts_with("success: ")), "{printed}");
+    }
 }
 
 #[test]

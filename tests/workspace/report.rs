@@ -162,6 +162,10 @@ fn one_run_and_an_unfinished_one_are_worth_a_report() {
     let content = summary.content.as_ref().unwrap();
     assert_eq!(report.analysis.lambdas[0].content["total_variance"].median, content.total_variance);
     assert!(text(&report.page).contains("What the grasps hold"));
+    // The explorer's page comes along, so that the report can be moved.
+    std::fs::write(run.file("explore.html"), "sliders").unwrap();
+    write(&read(&run).unwrap(), &run.path.join("report")).unwrap();
+    assert_eq!(text(&run.path.join("report/explore.html")), "sliders");
 
     // An earlier version wrote no such numbers: the report says so, and shows the rest.
     let mut earlier: serde_json::Value = serde_json::from_slice(&run.bytes("summary.json")).unwrap();

@@ -10,8 +10,9 @@ use crate::support::{registry, workspace};
 /// The places that may hold `unsafe` code.
 const FENCED: [&str; 3] = ["crates/mujoco/src", "crates/hands/src/compiled/library.rs", "crates/hand-abi/src"];
 
-/// The only file of the crate `hands` that opens a plugin's library, and the files that may call it.
-const LOADER: &str = "compiled.rs";
+/// The only file of the crate `hands` that opens a plugin's library, for the process in which it runs, and the files that may
+/// load such a hand.
+const LOADER: &str = "compiled/host.rs";
 const LOADER_CALLERS: [&str; 2] = ["compiled.rs", "registry.rs"];
 
 /// Lists the Rust files below a directory.

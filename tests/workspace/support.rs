@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use eigenhand_hands::{Hand, Registry, SearchPath};
 use eigenhand_mujoco::MuJoCo;
@@ -17,7 +17,7 @@ use eigenhand_train::{
 };
 use tempfile::TempDir;
 
-use crate::gripper::{GRIPPER_MANIFEST, GRIPPER_MODEL, TINY};
+use crate::gripper::{ANEW, GRIPPER_MANIFEST, GRIPPER_MODEL, LONGER, TINY, TURN, VANE};
 
 /// Returns the root of the workspace.
 pub fn workspace() -> PathBuf {
@@ -138,6 +138,18 @@ impl Progress for StopAfter<'_> {
     fn note(&mut self, _line: &str) {}
 }
 
+/// Keeps the notes of a run.
+#[derive(Default)]
+pub struct Notes(pub Vec<String>);
+
+impl Progress for Notes {
+    fn update(&mut self, _status: &Status) {}
+
+    fn note(&mut self, line: &str) {
+        self.0.push(line.to_owned());
+    }
+}
+
 /// Ends the run after some episodes like a killed process: it writes nothing more.
 pub struct DieAfter {
     pub episodes: u64,
@@ -151,9 +163,27 @@ impl Progress for DieAfter {
     fn note(&mut self, _line: &str) {}
 }
 
-/// A run in a temporary directory.
+/// Returns a run that has learned to grasp with two numbers, and the directory in which its hand lies. It is trained once for
+/// all tests, so none may change it.
+pub fn learned() -> &'static (Run, PathBuf) {
+    static LEARNED: OnceLock<(Run, PathBuf)> = OnceLock::new();
+    LEARNED.get_or_init(|| {
+        let root = Path::new(env!("CARGO_TARGET_TMPDIR")).join("learned");
+        // That of an earlier run of the tests.
+        let _ = std::fs::remove_dir_all(&root);
+        let plugins = root.join("plugins");
+        std::fs::create_dir_all(plugins.join("gripper")).unwrap();
+        write_gripper(&plugins.join("gripper"), VANE, TURN);
+        let hand = Hand::load(plugins.join("gripper")).unwrap_or_else(|error| panic!("{error}"));
+        let run = Run { path: root.join("run"), _root: None, hand };
+        run.train(&tiny(&[&LONGER[..], &["synergy.components=2", "synergy.settle=0.3"], &ANEW].concat()));
+        (run, plugins)
+    })
+}
+
+/// A run in a directory, most often a temporary one.
 pub struct Run {
-    _root: TempDir,
+    _root: Option<TempDir>,
     pub path: PathBuf,
     hand: Hand,
 }
@@ -161,7 +191,7 @@ pub struct Run {
 impl Run {
     pub fn new(hand: Hand) -> Run {
         let root = TempDir::new().unwrap();
-        Run { path: root.path().join("run"), _root: root, hand }
+        Run { path: root.path().join("run"), _root: Some(root), hand }
     }
 
     /// Trains a new run to its end.
@@ -200,7 +230,7 @@ impl Run {
 
     fn assignment(&self, config: RunConfig, provenance: Provenance, run: RunDirectory) -> Assignment {
         let (hand, task) = (self.hand.clone(), task(&config, &self.hand));
-        Assignment { config, provenance, hand, task, other_task: None, space: None, run }
+        Assignment { config, provenance, hand, task, other_task: None, space: None, start: None, run }
     }
 
     pub fn resume_to_the_end(&self) -> Summary {

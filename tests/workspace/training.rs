@@ -1,27 +1,25 @@
-//! Tiny but complete training runs: repeatability, interruption, damage, divergence, and the files of a run.
+//! Tiny but complete training runs: repeatability, interruption, divergence, and the files of a run.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use eigenhand_hands::Hand;
+use eigenhand_hands::{Hand, SearchPath};
 use eigenhand_rl::EpisodeData;
 use eigenhand_synergy::{PostureDatabase, PostureRecord, Source, newest};
-use eigenhand_train::{Progress, Silent, Status, StoppedBy, Summary, TrainError};
+use eigenhand_train::{Counting, FinishedRun, Progress, Silent, Status, StoppedBy, Summary, TrainError, Workers};
 
 use crate::confinement::gripper_with_vane;
 use crate::gripper::LONGER;
 use crate::support::{
-    DieAfter, Run, StopAfter, gripper, gripper_with, gripper_with_full_contacts, python, python_has, tiny,
+    DieAfter, Notes, Run, StopAfter, gripper, gripper_with, gripper_with_full_contacts, python, python_has, tiny,
 };
 
-const EPISODES: u64 = 24;
+pub const EPISODES: u64 = 24;
 const LAST: &str = "checkpoints/episode-00000024";
-
-/// A change to the bytes of a file.
-type Damage<'a> = &'a dyn Fn(&mut Vec<u8>);
 
 fn postures(run: &Run) -> Vec<PostureRecord> {
     PostureDatabase::open_existing(run.file("postures.sqlite")).unwrap().load().unwrap()
@@ -154,78 +152,6 @@ fn a_killed_run_goes_on_from_its_last_checkpoint() {
 }
 
 #[test]
-fn a_damaged_checkpoint_is_an_error_that_says_what_to_do_and_changes_nothing() {
-    let run = Run::new(gripper());
-    let stop = AtomicBool::new(false);
-    run.start(&tiny(&[]), &stop, &mut StopAfter { episodes: 16, stop: &stop });
-    let newest = {
-        let names = std::fs::read_dir(run.file("checkpoints")).unwrap().map(|e| e.unwrap().file_name());
-        let newest = names.map(|n| n.into_string().unwrap()).filter(|n| n.starts_with("episode-")).max().unwrap();
-        format!("checkpoints/{newest}")
-    };
-    let flip = |bytes: &mut Vec<u8>| {
-        let middle = bytes.len() / 2;
-        bytes[middle] ^= 1;
-    };
-    let edit = |from: &'static str, to: &'static str| {
-        move |bytes: &mut Vec<u8>| {
-            let text = String::from_utf8(bytes.clone()).unwrap();
-            assert!(text.contains(from), "{text}");
-            *bytes = text.replacen(from, to, 1).into_bytes();
-        }
-    };
-    let cut = |bytes: &mut Vec<u8>| bytes.truncate(bytes.len() - 7);
-    let state = format!("{newest}/state.toml");
-    let learner = format!("{newest}/learner.safetensors");
-    let cases: [(&str, Damage, &str); 7] = [
-        (&learner, &flip, "SHA-256"),
-        (&learner, &cut, "SHA-256"),
-        ("checkpoints/replay.bin", &flip, "episode"),
-        ("checkpoints/replay.bin", &cut, "bytes"),
-        (&state, &edit("updates = ", "updates = 1"), "SHA-256"),
-        (&state, &edit("digest = ", ""), "SHA-256"),
-        (&state, &cut, "SHA-256"),
-    ];
-    for (name, damage, reason) in cases {
-        let sound = run.bytes(name);
-        let mut bytes = sound.clone();
-        damage(&mut bytes);
-        std::fs::write(run.file(name), &bytes).unwrap();
-        let before = run.snapshot();
-        let error = run.resume().err().unwrap_or_else(|| panic!("{name} is damaged ({reason}), but was read"));
-        assert!(matches!(error, TrainError::Damaged { .. }), "{error}");
-        let message = error.to_string();
-        let file = name.rsplit('/').next().unwrap();
-        assert!(message.contains(file) && message.contains(reason), "{message}");
-        assert!(message.lines().count() >= 2, "the message does not say what to do: {message}");
-        let after = run.snapshot();
-        assert!(before == after, "{name}: files were changed");
-        std::fs::write(run.file(name), sound).unwrap();
-    }
-    run.resume_to_the_end();
-}
-
-#[test]
-fn the_checkpoint_before_a_damaged_one_can_be_used() {
-    let whole = Run::new(gripper());
-    let summary = whole.train(&tiny(&[]));
-    let run = Run::new(gripper());
-    let stop = AtomicBool::new(false);
-    run.start(&tiny(&[]), &stop, &mut StopAfter { episodes: 20, stop: &stop });
-    let mut checkpoints: Vec<_> = std::fs::read_dir(run.file("checkpoints"))
-        .unwrap()
-        .map(|entry| entry.unwrap().path())
-        .filter(|path| path.is_dir())
-        .collect();
-    checkpoints.sort();
-    assert_eq!(checkpoints.len(), 2);
-    // The error of a damaged checkpoint tells the user to do this.
-    std::fs::remove_dir_all(&checkpoints[1]).unwrap();
-    let resumed = run.resume_to_the_end();
-    assert_same((&whole, summary), (&run, resumed));
-}
-
-#[test]
 fn an_unfinished_or_foreign_directory_is_not_resumed() {
     let run = Run::new(gripper());
     assert!(matches!(run.resume().err(), Some(TrainError::NotARun { .. })));
@@ -288,25 +214,24 @@ fn diverged_episodes_are_counted_and_stored_nowhere() {
 }
 
 #[test]
-fn a_hand_that_always_diverges_ends_its_run_in_order() {
+fn a_hand_that_always_diverges_ends_its_run_and_is_named() {
     let run = Run::new(runaway(10.0));
-    let summary = run.train(&tiny(&[]));
-    assert_eq!((summary.diverged_episodes, summary.env_steps, summary.updates), (EPISODES, 0, 0));
+    let few = EPISODES - 6;
+    let summary = run.train(&tiny(&[&format!("episodes={few}")]));
+    assert_eq!((summary.diverged_episodes, summary.env_steps, summary.updates), (few, 0, 0));
     assert_eq!((summary.success_rate, summary.n_postures), (Some(0.0), 0));
     assert_eq!((stored_episodes(&run), postures(&run).len()), (0, 0));
     assert_eq!(run.bytes("scenes/reference.json"), b"[]");
-}
 
-/// Keeps the lines that stay.
-#[derive(Default)]
-struct Notes(Vec<String>);
-
-impl Progress for Notes {
-    fn update(&mut self, _status: &Status) {}
-
-    fn note(&mut self, line: &str) {
-        self.0.push(line.to_owned());
+    let run = Run::new(runaway(10.0));
+    let error = run.try_start(&tiny(&[]), &AtomicBool::new(false), &mut Silent).expect_err("it learns nothing");
+    let message = error.to_string();
+    for part in
+        ["in 20 of the last 20 episodes", "the joint spin", "the actuator motor", "cube", "physics.timestep=0.002"]
+    {
+        assert!(message.contains(part), "{message}");
     }
+    assert!(run.file("checkpoints/episode-00000020").is_dir(), "the run is saved");
 }
 
 #[test]
@@ -451,4 +376,55 @@ fn a_run_stopped_in_its_final_evaluation_goes_on_to_the_same_end() {
     assert_eq!(stopped.stopped_by, StoppedBy::Interrupt);
     assert_eq!((stopped.success_rate, stopped.episodes), (None, config.episodes));
     assert_same((&whole, summary), (&run, run.resume_to_the_end()));
+}
+
+/// Sends a message shortly before the last episodes of a run.
+struct NearTheEnd(std::sync::mpsc::Sender<()>, u64);
+
+impl Progress for NearTheEnd {
+    fn update(&mut self, status: &Status) {
+        if status.episodes >= self.1 {
+            // Nobody listens after the first message.
+            let _ = self.0.send(());
+        }
+    }
+
+    fn note(&mut self, _line: &str) {}
+}
+
+#[test]
+fn a_run_stopped_in_an_evaluation_leaves_it_at_once_and_makes_it_later() {
+    // One evaluation, which takes seconds.
+    let config = tiny(&["evaluation.every=24", "evaluation.episodes=300"]);
+    let whole = Run::new(gripper());
+    let summary = whole.train(&config);
+    let (run, stop) = (Run::new(gripper()), AtomicBool::new(false));
+    let (near, heard) = std::sync::mpsc::channel();
+    let stopped = std::thread::scope(|scope| {
+        let stop = &stop;
+        scope.spawn(move || {
+            heard.recv().unwrap();
+            std::thread::sleep(Duration::from_millis(300));
+            stop.store(true, Ordering::Relaxed);
+        });
+        run.start(&config, stop, &mut NearTheEnd(near, EPISODES - 2))
+    });
+    assert_eq!((stopped.stopped_by, stopped.episodes), (StoppedBy::Interrupt, EPISODES));
+    let written = run.bytes("metrics.csv");
+    assert_eq!((stopped.last_evaluation, written.len()), (None, 0), "it is left, and nothing is written");
+    assert_same((&whole, summary), (&run, run.resume_to_the_end()));
+}
+
+#[test]
+fn an_evaluation_counts_its_episodes() {
+    let (trained, plugins) = crate::support::learned();
+    let mut hands = SearchPath::new();
+    hands.push(plugins, "the test");
+    let run = FinishedRun::open(&trained.path, &hands, &[]).unwrap();
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let counted = Arc::clone(&seen);
+    let counting: Counting = Arc::new(move |done, all| counted.lock().unwrap().push((done, all)));
+    let found = run.evaluate(5, 1, Workers { count: 2, counting: Some(counting) }).unwrap();
+    assert_eq!(*seen.lock().unwrap(), (0..=5).map(|done| (done, 5)).collect::<Vec<_>>());
+    assert_eq!(found.success_rate, run.evaluate(5, 1, 2).unwrap().success_rate);
 }

@@ -1,12 +1,12 @@
 //! `cargo xtask ci`
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
 use eigenhand_cli::output::{Outcome, duration};
-use eigenhand_cli::{search_path, setup};
+use eigenhand_cli::{say, search_path, setup};
 use eigenhand_hands::Registry;
 
 use crate::cargo::{PROFILE, cargo};
@@ -63,7 +63,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         smoke(&program, &entry.directory)?;
     }
     wheel()?;
-    eprintln!("ci: all steps passed in {}", duration(started.elapsed().as_secs_f64()));
+    say!("ci: all steps passed in {}", duration(started.elapsed().as_secs_f64()));
     Ok(Outcome::Done)
 }
 
@@ -81,14 +81,14 @@ fn smoke(program: &Path, hand: &Path) -> anyhow::Result<()> {
     step("export", Command::new(program).arg("export").arg(&run).arg("--out").arg(&out))
 }
 
-/// Builds the wheel, installs it in an empty environment, and trains and reads a synergy with what it brings.
+/// Builds the wheel, installs it in an empty environment, and trains and reads a synergy with what it brings. Then does the
+/// last with the package alone, which runs the policy.
 fn wheel() -> anyhow::Result<()> {
     let scratch = tempfile::tempdir().context("cannot make a temporary directory")?;
-    let (environment, run) = (scratch.path().join("venv"), scratch.path().join("run"));
+    let run = scratch.path().join("run");
     let wheel = wheel::build(scratch.path())?;
-    step("wheel's environment", Command::new("python3").args(["-m", "venv"]).arg(&environment))?;
-    let python = environment.join("bin/python");
-    step("wheel installed", Command::new(&python).args(["-m", "pip", "install", "--quiet"]).arg(&wheel))?;
+    let environment = scratch.path().join("venv");
+    let python = environment_with("wheel", &environment, &wheel)?;
     let mut train = Command::new(environment.join("bin/eigenhand"));
     train.args(["train", "--quiet", "--hand", "shadow", "--preset", "quick", "--episodes", SMOKE_EPISODES[0]]);
     SMOKE_SETTINGS.iter().for_each(|setting| _ = train.args(["--set", setting]));
@@ -96,12 +96,28 @@ fn wheel() -> anyhow::Result<()> {
     const SCRIPT: &str = "import eigenhand, sys\n\
         synergy, policy = eigenhand.Synergy.load('shadow'), eigenhand.Policy.load(sys.argv[1])\n\
         assert len(synergy.command([0.1])) == len(policy.actuators) - 1";
-    step("wheel's package", Command::new(&python).args(["-c", SCRIPT]).arg(&run).current_dir(scratch.path()))
+    step("wheel's package", Command::new(&python).args(["-c", SCRIPT]).arg(&run).current_dir(scratch.path()))?;
+    const POLICY: &str = "import eigenhand, numpy, sys\n\
+        synergy, policy = eigenhand.Synergy.load('shadow'), eigenhand.Policy.load(sys.argv[1])\n\
+        action = policy.act(numpy.zeros(len(policy.observation)), numpy.zeros(3))\n\
+        command = policy.command(action)\n\
+        assert len(command) == len(policy.actuators) == len(synergy.command([0.1])) + 1";
+    let python = environment_with("package", &scratch.path().join("package"), Path::new("./python"))?;
+    step("package runs a policy", Command::new(&python).args(["-c", POLICY]).arg(&run).current_dir(scratch.path()))
+}
+
+/// Makes an empty environment, installs one thing in it, and returns its Python.
+fn environment_with(what: &str, environment: &Path, installed: &Path) -> anyhow::Result<PathBuf> {
+    step(&format!("{what}'s environment"), Command::new("python3").args(["-m", "venv"]).arg(environment))?;
+    let python = environment.join("bin/python");
+    let mut install = Command::new(&python);
+    step(&format!("{what} installed"), install.args(["-m", "pip", "install", "--quiet"]).arg(installed))?;
+    Ok(python)
 }
 
 /// Runs one step; prints its name before and its time after.
 fn step(name: &str, command: &mut Command) -> anyhow::Result<()> {
-    eprintln!("ci: {name}");
+    say!("ci: {name}");
     let started = Instant::now();
     let status = command.status().with_context(|| format!("cannot run {:?}", command.get_program()))?;
     let seconds = started.elapsed().as_secs_f64();
@@ -110,6 +126,6 @@ fn step(name: &str, command: &mut Command) -> anyhow::Result<()> {
         let program = Path::new(command.get_program()).file_name().unwrap_or_default().to_string_lossy().into_owned();
         bail!("step {name:?} failed after {} ({status}): {program} {}", duration(seconds), arguments.join(" "));
     }
-    eprintln!("ci: {name} passed in {}", duration(seconds));
+    say!("ci: {name} passed in {}", duration(seconds));
     Ok(())
 }

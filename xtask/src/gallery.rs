@@ -6,7 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context, bail};
 use eigenhand_cli::output::Outcome;
-use eigenhand_cli::{INTERRUPTED, search_path};
+use eigenhand_cli::{INTERRUPTED, on_stop, say, search_path};
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_hands::Registry;
 use serde::de::DeserializeOwned;
@@ -123,7 +123,7 @@ fn named_file(text: &str) -> Result<(String, PathBuf), String> {
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     // Ctrl-C reaches the command that is running too; that one saves, and says how it ended.
-    ctrlc::set_handler(|| {}).context("cannot watch for Ctrl-C")?;
+    on_stop(|| {})?;
     let root = Path::new(".");
     if !root.join(SYNERGIES).is_dir() || !root.join("docs").is_dir() {
         bail!("there is no directory {SYNERGIES} here: run this in a checkout of the repository");
@@ -221,7 +221,7 @@ fn add(root: &Path, args: &Args, hand: &str, file: Option<&Path>) -> anyhow::Res
     copy(&synergy, &directory.join(SYNERGY))?;
     copy(&picture, &shown.join(format!("{name}.png")))?;
     write_atomically(&directory.join(TRAINING), toml::to_string(&entry)?.as_bytes())?;
-    eprintln!("gallery: {name} is in {}", directory.display());
+    say!("gallery: {name} is in {}", directory.display());
     Ok(true)
 }
 
@@ -239,7 +239,7 @@ fn results(run: &Path) -> anyhow::Result<Option<(Results, f64)>> {
 /// Runs a command of this program. Returns false if it was interrupted.
 fn step(arguments: &[String]) -> anyhow::Result<bool> {
     let program = std::env::current_exe().context("cannot find this program's own file")?;
-    eprintln!("gallery: {}", arguments.join(" "));
+    say!("gallery: {}", arguments.join(" "));
     let status = Command::new(program).args(arguments).status().context("cannot run this program again")?;
     match status.code() {
         Some(0) => Ok(true),

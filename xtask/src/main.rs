@@ -6,11 +6,13 @@
 mod bindings;
 mod cargo;
 mod ci;
+mod disk;
 mod gallery;
 mod python;
 mod same_digits;
 mod setup;
 mod test;
+mod torture;
 mod wheel;
 
 use std::process::ExitCode;
@@ -44,6 +46,7 @@ enum Command {
     Bindings(bindings::Args),
     SameDigits(same_digits::Args),
     Gallery(gallery::Args),
+    Torture(torture::Args),
     Wheel(wheel::Args),
 }
 
@@ -52,6 +55,7 @@ fn command() -> clap::Command {
 }
 
 fn main() -> ExitCode {
+    eigenhand_hands::serve_plugins();
     let cli = match Cli::from_arg_matches(&command().get_matches()) {
         Ok(cli) => cli,
         Err(error) => error.exit(),
@@ -64,6 +68,7 @@ fn main() -> ExitCode {
         Command::Bindings(args) => bindings::run(&args),
         Command::SameDigits(args) => same_digits::run(&args),
         Command::Gallery(args) => gallery::run(&args),
+        Command::Torture(args) => torture::run(&args),
         Command::Wheel(args) => wheel::run(&args),
     })
 }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, bail};
+use eigenhand_cli::say;
 
 /// Environment variable that names the Python.
 const PYTHON: &str = "EIGENHAND_PYTHON";
@@ -33,14 +34,14 @@ pub fn install() -> anyhow::Result<()> {
     }
     let run = |program: &Path, arguments: &[&str]| -> anyhow::Result<()> {
         let line = format!("{} {}", program.display(), arguments.join(" "));
-        eprintln!("  {line}");
+        say!("  {line}");
         let status = Command::new(program).args(arguments).stdout(std::io::stderr()).status();
         match status.with_context(|| format!("cannot run {line}"))? {
             status if status.success() => Ok(()),
             status => bail!("{line} failed ({status}); on Debian: apt-get install -y python3-venv"),
         }
     };
-    eprintln!("Installing the Python packages of the tests in {ENVIRONMENT} with:");
+    say!("Installing the Python packages of the tests in {ENVIRONMENT} with:");
     run(Path::new("python3"), &["-m", "venv", ENVIRONMENT])?;
     run(&interpreter(), &[&["-m", "pip", "install", "--quiet"], PACKAGES.as_slice()].concat())
 }

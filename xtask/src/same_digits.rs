@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use anyhow::{Context, bail};
 use eigenhand_cli::output::{Outcome, print};
+use eigenhand_cli::say;
 
 /// Arguments of the compared run, without its directory.
 const RUN: [&str; 6] = ["train", "--hand", "shadow", "--seed", "1", "--quiet"];
@@ -56,7 +57,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 
 /// Trains until the evaluation at `episodes`, and returns the run's metrics.csv.
 fn train(program: &Path, run: &Path, episodes: u64) -> anyhow::Result<PathBuf> {
-    eprintln!("training {} episodes with {} ...", episodes, program.display());
+    say!("training {} episodes with {} ...", episodes, program.display());
     let mut command = Command::new(program);
     let child = command.args(RUN).arg("--out").arg(run).stdout(std::io::stderr()).spawn();
     let mut training = Training(child.with_context(|| format!("cannot run {}", program.display()))?);

@@ -169,8 +169,16 @@ fn train(
     let provenance = Provenance::collect(&hand, &library);
     let run = RunDirectory::create(Some(directory), &config, &provenance)?;
     let (steps, updates) = (task.config.steps as f64, config.training.updates_per_episode);
-    let mut trainer =
-        Trainer::create(Assignment { config, provenance, hand, task, other_task: None, space: None, run })?;
+    let mut trainer = Trainer::create(Assignment {
+        config,
+        provenance,
+        hand,
+        task,
+        other_task: None,
+        space: None,
+        start: None,
+        run,
+    })?;
     prepare(&mut trainer)?;
     let stop = AtomicBool::new(false);
     let mut clock = Clock { stop: &stop, started, duration, first: None, begin: None, end: None };

@@ -12,6 +12,7 @@ use eigenhand_bench::{
 };
 use eigenhand_report::counted;
 use eigenhand_train::config::worker_count;
+use eigenhand_train::say;
 use serde::Serialize;
 
 use crate::output::{Outcome, print, print_json, table};
@@ -90,13 +91,13 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let threads: Vec<usize> = if cores > 1 { vec![1, 2] } else { vec![1] };
     let mut report = Report { cores, sim: None, learner: None, training: None, memory: None, allocations: None };
     if wanted(What::Training) {
-        eprintln!("memory ...");
+        say!("memory ...");
         let found = training_memory(&setting)?;
         say(args.json, || describe_memory(&found))?;
         report.memory = Some(found);
     }
     if wanted(What::Sim) {
-        eprintln!("simulation ...");
+        say!("simulation ...");
         let found = sim_speed(&setting, &threads)?;
         say(args.json, || describe_sim(&found))?;
         report.sim = Some(found);
@@ -116,7 +117,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         report.training = Some(found);
     }
     if wanted(What::Allocations) {
-        eprintln!("allocations ...");
+        say!("allocations ...");
         let found = count_allocations(args)?;
         say(args.json, || describe_allocations(&found))?;
         report.allocations = Some(found);
@@ -130,11 +131,10 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 fn announce(what: &str, peers: &[Peer]) {
     let names: Vec<&str> = peers.iter().map(|peer| peer.name.as_str()).collect();
     match names.as_slice() {
-        [] => eprintln!(
-            "{what} ... (no other learners: {} is not set, and bench/peers has no .venv)",
-            bench::PYTHON_VARIABLE
-        ),
-        names => eprintln!("{what} ... (by turns with {})", names.join(", ")),
+        [] => {
+            say!("{what} ... (no other learners: {} is not set, and bench/peers has no .venv)", bench::PYTHON_VARIABLE)
+        }
+        names => say!("{what} ... (by turns with {})", names.join(", ")),
     }
 }
 

@@ -2,9 +2,14 @@
 
 use std::path::PathBuf;
 
-use eigenhand_train::{Assessment, Drive, Driven, FinishedRun, Freedom, Stress, StressRow};
+use eigenhand_train::config::MOST_EVALUATED;
+use eigenhand_train::{
+    Assessment, Drive, Driven, FinishedRun, Freedom, Progress, Silent, Stress, StressRow, Workers, say,
+};
 
+use crate::numbers::{LARGEST, whole};
 use crate::output::{Outcome, percent, print, print_json, table};
+use crate::train::on_stderr;
 use crate::{search_path, setup};
 
 const EPISODES: u64 = 200;
@@ -23,10 +28,10 @@ pub struct Args {
     /// Run directory
     run: PathBuf,
     /// Number of episodes; the objects take turns [default: 200; with --stress 70 for each row]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=MOST_EVALUATED))]
     episodes: Option<u64>,
     /// Seed of the episodes
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<u64>(0..=LARGEST))]
     seed: u64,
     /// Measures success with so many numbers instead of all joints, for example 0..8
     #[arg(long, value_name = "FROM..TO", value_parser = parse_range)]
@@ -35,13 +40,13 @@ pub struct Args {
     #[arg(long, conflicts_with = "components")]
     stress: bool,
     /// First steps of an episode in which all joints are free
-    #[arg(long, value_name = "N", default_value_t = 0, requires = "components")]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>(0..=LARGEST), requires = "components")]
     free_steps: usize,
     /// Actuators that are always free, separated by commas, such as those of a wrist
     #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "components")]
     free: Vec<String>,
     /// Threads that simulate; 0 means one for each core
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = whole::<usize>(0..=1024))]
     workers: usize,
     /// Other objects than those of the training, separated by commas: objects, sets, directories or files
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
@@ -68,10 +73,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         setup::with_mujoco(&args.install, || FinishedRun::open(&args.run, &hands, &changes))?
     };
     let episodes = args.episodes.unwrap_or(if args.stress { STRESS_EPISODES } else { EPISODES });
-    let workers = eigenhand_train::config::worker_count(args.workers);
+    let count = eigenhand_train::config::worker_count(args.workers);
+    let mut shown: Box<dyn Progress> = if args.json { Box::new(Silent) } else { on_stderr() };
+    let workers = Workers { count, counting: shown.counting() };
     if !args.json {
         let hand = &run.hand.manifest.name;
-        eprintln!(
+        say!(
             "evaluating the hand {hand} of {} on {} new episodes, seed {}{}{}",
             args.run.display(),
             episodes,
@@ -81,11 +88,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         );
     }
     if args.stress {
-        let progress = |row: &StressRow| {
-            if !args.json {
-                eprintln!("{}: {}", name_of(row), percent(row.success_rate));
-            }
-        };
+        let progress = |row: &StressRow| shown.note(&format!("{}: {}", name_of(row), percent(row.success_rate)));
         let found = run.stress(episodes, args.seed, workers, progress)?;
         if args.json {
             print_json(&found)?
@@ -96,16 +99,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         if changes.is_empty()
             && let Err(error) = found.write(&args.run)
         {
-            eprintln!("note: a report cannot show this table: {error}");
+            say!("note: a report cannot show this table: {error}");
         }
         return Ok(Outcome::Done);
     }
     if let Some((from, to)) = args.components {
-        let progress = |row: &Driven| {
-            if !args.json {
-                eprintln!("{row}");
-            }
-        };
+        let progress = |row: &Driven| shown.note(&row.to_string());
         let free = Freedom { steps: args.free_steps, actuators: args.free.clone() };
         let found = run.drive(from..=to, &free, episodes, args.seed, workers, progress)?;
         if args.json {

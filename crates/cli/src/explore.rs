@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, bail};
-use eigenhand_explore::{Recording, Shown, page};
+use eigenhand_explore::{Recording, Shown, check, page};
 use eigenhand_files::write_atomically;
 use eigenhand_mujoco::MuJoCo;
 use eigenhand_sim::{GraspEnv, GraspTask};
@@ -15,7 +15,7 @@ use serde::Serialize;
 
 use crate::output::{Outcome, print, print_json};
 use crate::synergy::{Source, SpaceName};
-use crate::{search_path, setup};
+use crate::{program, search_path, setup};
 
 /// Default name of the page, in the run directory or else in the working directory.
 const PAGE: &str = "explore.html";
@@ -32,13 +32,13 @@ const TRIES: u64 = 5;
                         angles and commands to copy.\n\n\
                         Examples:\n  eigenhand explore runs/shadow-quick-l1-s1-1\n  \
                         eigenhand explore runs/shadow-default-l1-s1-1 --beside runs/shadow-default-l1-s2-1\n  \
-                        eigenhand explore --synergy synergies/shadow --hand shadow --out shadow.html"
+                        eigenhand explore --synergy shadow --out shadow.html"
 )]
 pub struct Args {
-    /// Run directory
+    /// Run directory; without one, --synergy
     #[arg(required_unless_present = "synergy", conflicts_with = "synergy")]
     run: Option<PathBuf>,
-    /// A synergy without a run: an export, a directory with synergy.toml, or such a file
+    /// A synergy without a run: an export, a directory with synergy.toml, such a file, or a ready synergy (`synergy list`)
     #[arg(long, value_name = "SOURCE")]
     synergy: Option<PathBuf>,
     /// Hand of --synergy, by name or directory [default: the hand that the synergy names]
@@ -91,8 +91,8 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
             }
             let source = Source::read(run, args.space)?;
             let finished = setup::with_mujoco(&args.install, || FinishedRun::open(run, &hands, &[]))?;
-            // Beside another hand, no episode is shown.
-            let recordings = if beside.is_some() { Vec::new() } else { recordings(&finished, &source.file)? };
+            check(&finished.hand, &source.file, beside.map(|shown| shown.file))?;
+            let recordings = recordings(&finished, &source.file, beside.map(|shown| shown.file))?;
             let shown = Shown { file: &source.file, title: &title(run, &source) };
             (page(&finished.hand, &finished.task, shown, beside, &recordings)?, run.join(PAGE))
         }
@@ -116,7 +116,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         print_json(&Report { page: &out, bytes: text.len() })?;
         return Ok(Outcome::Done);
     }
-    print(&format!("{} ({:.1} MB)\n", out.display(), text.len() as f64 / 1e6))?;
+    let next = args.run.as_ref().map_or_else(String::new, |run| {
+        let export = format!("export {}{} --out my-hand", program::path(run), program::plugins(&args.plugins));
+        format!("next: {}\n", program::line(&export))
+    });
+    print(&format!("{} ({:.1} MB)\n{next}", out.display(), text.len() as f64 / 1e6))?;
     if !args.no_open && std::io::stdout().is_terminal() && has_display() {
         open::that_detached(&out).with_context(|| format!("no browser opened; open {} yourself", out.display()))?;
     }
@@ -124,10 +128,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 /// Records an episode with each object, a successful one if one of the first does.
-fn recordings(run: &FinishedRun, file: &SynergyFile) -> anyhow::Result<Vec<Recording>> {
-    let synergy = &file.synergy;
-    let position = |name: &String| run.task.actuators.iter().position(|actuator| actuator == name);
-    let driven: Vec<usize> = synergy.joints().iter().filter_map(|joint| position(&joint.name)).collect();
+fn recordings(run: &FinishedRun, file: &SynergyFile, beside: Option<&SynergyFile>) -> anyhow::Result<Vec<Recording>> {
+    let nearest = |file: &SynergyFile, env: &GraspEnv| -> Vec<f64> {
+        let position = |name: &String| run.task.actuators.iter().position(|actuator| actuator == name);
+        let mut values = vec![0.0; run.task.posture_joints.len()];
+        if file.space == Space::Commands {
+            let driven = file.synergy.joints().iter().filter_map(|joint| position(&joint.name));
+            values = driven.map(|i| env.simulation().ctrl()[i]).collect();
+        } else {
+            env.posture(&mut values);
+        }
+        file.synergy.encode(&values)
+    };
     let period = run.task.physics.control_period() * FRAME_STEPS as f64;
     let mut found = Vec::new();
     for (index, scene) in run.task.scenes.iter().enumerate() {
@@ -140,13 +152,8 @@ fn recordings(run: &FinishedRun, file: &SynergyFile) -> anyhow::Result<Vec<Recor
                         Some(recording) => recording,
                         None => recording.insert(Recording::begin(&run.hand, scene, env, period)?),
                     };
-                    let mut values = vec![0.0; run.task.posture_joints.len()];
-                    if file.space == Space::Commands {
-                        values = driven.iter().map(|&i| env.simulation().ctrl()[i]).collect();
-                    } else {
-                        env.posture(&mut values);
-                    }
-                    recording.add(env, synergy.encode(&values));
+                    let second = beside.map(|file| nearest(file, env)).unwrap_or_default();
+                    recording.add(env, nearest(file, env), second);
                 }
                 step += 1;
                 Ok(())

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use eigenhand_bundle::{Bundle, Exported};
-use eigenhand_train::FinishedRun;
+use eigenhand_train::{FinishedRun, say};
 use serde::Serialize;
 
 use crate::output::{Outcome, print, print_json};
@@ -59,9 +59,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     }
     let listed: String = files.iter().map(|file| format!("{}\n", file.display())).collect();
     print(&listed)?;
-    notes.iter().for_each(|note| eprintln!("note: {note}"));
+    notes.iter().for_each(|note| say!("note: {note}"));
     if !files.iter().any(|file| file.ends_with("synergy/synergy.toml")) {
-        eprintln!("note: the run has too few postures for a synergy, so only the policy and the scenes were written");
+        say!("note: the run has too few postures for a synergy, so only the policy and the scenes were written");
     }
     Ok(Outcome::Done)
 }

@@ -12,7 +12,7 @@ use eigenhand_mujoco::MuJoCo;
 use eigenhand_onboard::{Hints, NewHand, Step, check_hand, default_picture, describe_new_hand, new_hand};
 use eigenhand_sim::contract::ContractReport;
 use eigenhand_train::config::RunConfig;
-use eigenhand_train::hand_named;
+use eigenhand_train::{hand_named, say};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -181,7 +181,7 @@ fn list(args: &ListArgs) -> anyhow::Result<Outcome> {
         return Ok(Outcome::Done);
     }
     if hands.is_empty() {
-        eprintln!("no hands were found; name a directory of hands with --plugins");
+        say!("no hands were found; name a directory of hands with --plugins");
         return Ok(Outcome::Done);
     }
     let width = hands.iter().map(|hand| hand.name.len()).max().unwrap_or(0);
@@ -299,7 +299,10 @@ fn check(args: &CheckArgs) -> anyhow::Result<Outcome> {
     } else {
         let picture = found.picture.iter().map(|file| format!("picture {}\n", file.display()));
         let symptoms = found.symptoms.iter().map(|symptom| format!("look at {symptom}\n"));
-        print(&symptoms.chain([describe(&found.report)]).chain(picture).collect::<String>())?;
+        let plugins = program::plugins(&common.plugins);
+        let train = program::line(&format!("train --hand {}{plugins}", program::word(name)));
+        let next = found.report.passed().then(|| format!("next:    {train}\n"));
+        print(&symptoms.chain([describe(&found.report)]).chain(picture).chain(next).collect::<String>())?;
     }
     Ok(if found.report.passed() { Outcome::Done } else { Outcome::Failed })
 }
@@ -321,7 +324,7 @@ fn new(args: &NewArgs) -> anyhow::Result<Outcome> {
     let report = match made {
         Ok(report) => report,
         Err(error) => {
-            notes.iter().for_each(|note| eprintln!("note: {note}"));
+            notes.iter().for_each(|note| say!("note: {note}"));
             return Err(error.into());
         }
     };

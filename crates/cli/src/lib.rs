@@ -3,6 +3,8 @@
 // The doc comments of arguments are what --help prints, with placeholders in angle brackets.
 #![allow(rustdoc::invalid_html_tags)]
 #![forbid(unsafe_code)]
+// `say!` is for this: `eprintln!` panics if nobody reads standard error.
+#![deny(clippy::print_stderr)]
 
 mod bench;
 mod bundled;
@@ -12,13 +14,16 @@ mod eval;
 mod explore;
 mod export;
 mod hands;
+mod numbers;
 pub mod output;
 mod places;
 mod program;
 mod render;
 mod report;
 mod reproduce;
+mod settings;
 pub mod setup;
+mod signals;
 mod synergy;
 mod train;
 
@@ -28,8 +33,10 @@ use clap::Subcommand;
 
 use crate::output::Outcome;
 
+pub use eigenhand_train::say;
 pub use places::search_path;
 pub use program::{check_examples, speak_as};
+pub use signals::on_stop;
 pub use train::INTERRUPTED;
 
 /// Exit status of a wrong command line; clap uses the same.

@@ -20,6 +20,7 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
+    eigenhand_hands::serve_plugins();
     match Cli::from_arg_matches(&Cli::command().get_matches()) {
         Ok(cli) => eigenhand_cli::exit(cli.command.run()),
         Err(error) => error.exit(),

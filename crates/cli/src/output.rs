@@ -6,8 +6,11 @@ use eigenhand_bench::BenchError;
 use eigenhand_hands::HandError;
 use eigenhand_onboard::OnboardError;
 use eigenhand_report::ReportError;
-use eigenhand_train::TrainError;
+use eigenhand_train::{TrainError, say};
 use serde::Serialize;
+
+use crate::bundled::synergies;
+use crate::program;
 
 /// How a command ended, if it had no error.
 pub enum Outcome {
@@ -43,7 +46,21 @@ pub fn report(error: &anyhow::Error) {
             text.push_str(&format!(": {cause}"));
         }
     }
-    eprintln!("error: {}", text.trim_end());
+    say!("error: {}", text.trim_end());
+    let unknown = error.chain().find_map(|cause| match cause.downcast_ref::<HandError>() {
+        Some(HandError::UnknownHand { got, .. }) => Some(got),
+        _ => match cause.downcast_ref::<TrainError>() {
+            Some(TrainError::Hand(HandError::UnknownHand { got, .. })) => Some(got),
+            _ => None,
+        },
+    });
+    if let Some(name) = unknown.filter(|name| synergies().contains(&name.as_str())) {
+        say!(
+            "{name} has a ready synergy (`{}`), but its files are not part of this program: make the hand from them with `{}`",
+            program::line(&format!("explore --synergy {name}")),
+            program::line(&format!("hands new {name} --from FILE"))
+        );
+    }
 }
 
 /// Tells whether the command line is wrong.

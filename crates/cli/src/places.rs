@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use eigenhand_hands::SearchPath;
 
+use eigenhand_train::say;
+
 use crate::bundled;
 
 /// Returns the places that are searched for hands: `plugins/` of the working directory or of the workspace around it,
@@ -13,7 +15,7 @@ pub fn search_path(extra: &[PathBuf]) -> SearchPath {
     let mut path = SearchPath::from_environment(extra);
     match bundled::directory() {
         Ok(directory) => path.fall_back_on(directory),
-        Err(error) => eprintln!("note: the hands that come with the program are not available: {error:#}"),
+        Err(error) => say!("note: the hands that come with the program are not available: {error:#}"),
     }
     path
 }

@@ -1,6 +1,6 @@
 //! How a person starts this program: `eigenhand`, or `cargo xtask` in a checkout.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use clap::builder::StyledStr;
@@ -45,6 +45,11 @@ pub(crate) fn word(text: &str) -> String {
 /// Returns a path as a word of a command line.
 pub(crate) fn path(path: &Path) -> String {
     word(&path.to_string_lossy())
+}
+
+/// Returns the options for additional directories of hands, which later commands need too.
+pub(crate) fn plugins(places: &[PathBuf]) -> String {
+    places.iter().map(|place| format!(" --plugins {}", path(place))).collect()
 }
 
 /// Asserts that the help of every command ends with an example that starts the program as `name`.

@@ -6,12 +6,15 @@ use anyhow::bail;
 use eigenhand_files::{create_directory, write_atomically};
 use eigenhand_render::{Film, Picture, View, grasp, postures};
 use eigenhand_synergy::{Moment, SynergyFile};
-use eigenhand_train::{FinishedRun, PICTURES};
+use eigenhand_train::{FinishedRun, PICTURES, say};
 use serde::Serialize;
 
-use crate::output::{Outcome, print, print_json};
-use crate::{search_path, setup};
+use crate::numbers::{LARGEST, whole};
+use crate::output::{Outcome, percent, print, print_json};
+use crate::{program, search_path, setup};
 
+/// Name of the small picture.
+pub const OVERVIEW: &str = "overview.png";
 /// Largest number of episodes to get one successful grasp of an object.
 const TRIES: u64 = 20;
 /// Number of grasps in one row of the picture.
@@ -41,13 +44,13 @@ pub struct Args {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Number of components to draw, beginning with the first [default: all]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=100))]
     components: Option<u64>,
     /// Object of motion.png and episode.gif [default: the first of the run's]
     #[arg(long, value_name = "NAME")]
     object: Option<String>,
     /// Seed of the episode [default: the run's]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=crate::train::LARGEST))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(0..=LARGEST))]
     seed: Option<u64>,
     /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
@@ -98,10 +101,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if args.json {
         print_json(&drawn)?;
     } else {
-        print(&drawn.files.iter().map(|file| format!("{}\n", file.display())).collect::<String>())?;
+        let next = program::line(&format!("explore {}", program::path(&args.run)));
+        let files: String = drawn.files.iter().map(|file| format!("{}\n", file.display())).collect();
+        print(&format!("{files}next: {next}\n"))?;
     }
     if !drawn.not_grasped.is_empty() {
-        eprintln!(
+        say!(
             "note: these objects are not drawn, because none of {TRIES} episodes grasped them: {}",
             drawn.not_grasped.join(", ")
         );
@@ -122,6 +127,12 @@ pub fn draw(run: &FinishedRun, wanted: &Wanted) -> anyhow::Result<Drawn> {
             None => bail!("the run has no object {object}; it has {}", names.join(", ")),
         },
     };
+    let synergy = run.control_synergy()?;
+    let n = synergy.as_ref().map_or(0, |synergy| synergy.synergy.n_components());
+    let k = wanted.components.unwrap_or(n);
+    if k > n {
+        bail!("--components {k}: the run's synergy has {n} components");
+    }
     let (grasps, not_grasped) = grasps(run)?;
     let mut pictures: Vec<(&str, Vec<u8>)> = Vec::new();
     if !grasps.is_empty() {
@@ -129,15 +140,14 @@ pub fn draw(run: &FinishedRun, wanted: &Wanted) -> anyhow::Result<Drawn> {
         let cells: Vec<Picture> = grasps.iter().map(|views| Picture::grid(views, 1)).collect();
         pictures.push(("grasps.png", Picture::grid(&cells, COLUMNS).png()?));
     }
-    if let Some(synergy) = run.control_synergy()? {
-        let k = wanted.components.unwrap_or(usize::MAX).min(synergy.synergy.n_components());
+    if let Some(synergy) = synergy {
         let tiles = postures(&run.hand, &run.task, &sweep(&synergy, k), View::Palm)?;
         let labelled: Vec<Picture> =
             tiles.iter().zip(sweep_labels(&synergy)).map(|(tile, label)| tile.clone().labelled(&label)).collect();
         pictures.push(("components.png", Picture::grid(&labelled, SWEEP.len()).png()?));
         if !grasps.is_empty() {
             let sides: Vec<Picture> = grasps.iter().map(|[side, _]| side.clone()).collect();
-            pictures.push(("overview.png", overview(&sides, &labelled[..labelled.len().min(2 * SWEEP.len())]).png()?));
+            pictures.push((OVERVIEW, overview(&sides, &labelled[..labelled.len().min(2 * SWEEP.len())]).png()?));
         }
         let motion = motion(&synergy, names[scene]);
         if !motion.is_empty() {
@@ -178,7 +188,8 @@ fn grasps(run: &FinishedRun) -> anyhow::Result<(Vec<[Picture; 2]>, Vec<String>)>
         match run.successful_grasp(index, TRIES)? {
             Some(env) => {
                 let [side, other] = grasp(&run.hand, scene, env.simulation())?;
-                drawn.push([side.labelled(&scene.object.name), other]);
+                let name = &scene.object.name;
+                drawn.push([side.labelled(name), other.labelled(&format!("{name}, other side"))]);
             }
             None => missing.push(scene.object.name.to_owned()),
         }
@@ -269,7 +280,12 @@ fn sweep(file: &SynergyFile, components: usize) -> Vec<Vec<f64>> {
 fn sweep_labels(file: &SynergyFile) -> impl Iterator<Item = String> + '_ {
     let ranges = file.synergy.coefficient_min().iter().zip(file.synergy.coefficient_max()).enumerate();
     ranges.flat_map(|(i, (low, high))| {
-        [*low, 0.0, *high].into_iter().zip(SWEEP).map(move |(z, name)| format!("number {}, {name}: {z:+.2}", i + 1))
+        let share = percent(file.synergy.contribution()[i]);
+        let label = move |(z, name)| match name {
+            name if name == SWEEP[0] => format!("number {} ({share} of the variance), {name}: {z:+.2}", i + 1),
+            name => format!("number {}, {name}: {z:+.2}", i + 1),
+        };
+        [*low, 0.0, *high].into_iter().zip(SWEEP).map(label)
     })
 }
 

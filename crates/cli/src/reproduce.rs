@@ -15,9 +15,12 @@ use eigenhand_train::reproduce::{
     Comparison, Member, OverviewBars, OverviewDisplay, OverviewLines, Reproduction, Request, Silent, State,
 };
 use eigenhand_train::request::NewRun;
+use eigenhand_train::say;
 
+use crate::numbers::{LARGEST, number, whole};
 use crate::output::Outcome;
-use crate::train::SettingsArgs;
+use crate::settings::SettingsArgs;
+use crate::signals::on_stop;
 use crate::{program, report, setup};
 
 /// Cores that one run keeps busy: one learns while another simulates.
@@ -54,7 +57,7 @@ pub struct Args {
     #[command(flatten)]
     settings: SettingsArgs,
     /// How far the policies are confined to their synergies, from 0 to 1, separated by commas
-    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1")]
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_value = "0,1", value_parser = number, allow_negative_numbers = true)]
     lambda: Vec<f64>,
     /// Compares action spaces instead of lambdas: every joint, numbers of synergies, random directions, one number by hand
     #[arg(long, value_name = "NAME", value_parser = ["control"], conflicts_with = "lambda")]
@@ -63,7 +66,7 @@ pub struct Args {
     #[arg(long, value_name = "SEEDS", value_parser = parse_seeds)]
     seeds: Option<Seeds>,
     /// Number of runs at a time [default: one for every two cores]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1024))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=1024))]
     jobs: Option<u64>,
     /// Directory of the runs [default: runs/reproduce-<hand>-<preset>, or runs/study-<hand>-<preset>]
     #[arg(long, value_name = "DIR")]
@@ -86,7 +89,7 @@ struct Seeds(Vec<u64>);
 fn parse_seeds(text: &str) -> Result<Seeds, String> {
     const MOST: u64 = 1000;
     let number = |text: &str| {
-        let read = text.trim().parse::<u64>().ok().filter(|n| *n <= crate::train::LARGEST);
+        let read = text.trim().parse::<u64>().ok().filter(|n| *n <= LARGEST);
         read.ok_or_else(|| format!("{text:?} is no seed: expected a number such as 5, or a list such as 1,2,5 or 4-8"))
     };
     let range = |first: u64, last: u64| match last.checked_sub(first) {
@@ -119,7 +122,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let jobs = args.jobs.map_or_else(|| (cores / CORES_PER_RUN).max(1), |jobs| jobs as usize).min(waiting.max(1));
     let workers = (cores / jobs).max(1);
     if !args.quiet {
-        eprint!("{}", heading(&reproduction, jobs, workers));
+        say!("{}", heading(&reproduction, jobs, workers).trim_end());
     }
     let stop = count_signals()?;
     let mut display: Box<dyn OverviewDisplay> = if args.quiet {
@@ -140,7 +143,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let endings = train(&reproduction, jobs, &stop, &command, display.as_mut())?;
     let failed: Vec<&str> = names(&reproduction, &endings, |ending| matches!(ending, Ending::Failed { .. }));
     if stop.load(Ordering::Relaxed) > 0 && endings.contains(&Ending::Stopped) {
-        eprintln!("continue with: {}", same_command());
+        say!("continue with: {}", same_command());
         return Ok(Outcome::Interrupted);
     }
     if failed.is_empty() || failed.len() < endings.len() {
@@ -153,7 +156,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     if failed.is_empty() {
         return Ok(Outcome::Done);
     }
-    eprintln!("failed: {}; try again with: {}", failed.join(", "), same_command());
+    say!("failed: {}; try again with: {}", failed.join(", "), same_command());
     Ok(Outcome::Failed)
 }
 
@@ -235,13 +238,12 @@ fn own_program() -> anyhow::Result<PathBuf> {
 fn count_signals() -> anyhow::Result<Arc<AtomicUsize>> {
     let stop = Arc::new(AtomicUsize::new(0));
     let counter = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
+    on_stop(move || {
         if counter.fetch_add(1, Ordering::Relaxed) == 0 {
             let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
-            eprintln!("{newline}saving and stopping all runs; Ctrl-C again stops at once{newline}");
+            say!("{newline}saving and stopping all runs; Ctrl-C again stops at once{newline}");
         }
-    })
-    .context("cannot listen for Ctrl-C")?;
+    })?;
     Ok(stop)
 }
 

@@ -4,17 +4,20 @@ use clap::Subcommand;
 
 use crate::output::Outcome;
 
+mod chosen;
 mod compare;
 mod fit;
+mod list;
+mod reducers;
 mod samples;
 mod show;
 mod source;
 
 pub(crate) use source::{Source, SpaceName};
 
-/// Shows, compares and fits synergies
+/// Lists, shows, compares and fits synergies, and compares ways to fit them
 #[derive(clap::Args)]
-#[command(after_help = "Example:\n  eigenhand synergy show synergies/shadow")]
+#[command(after_help = "Example:\n  eigenhand synergy show shadow")]
 pub struct Args {
     #[command(subcommand)]
     command: Command,
@@ -22,14 +25,23 @@ pub struct Args {
 
 #[derive(Subcommand)]
 enum Command {
+    /// Lists the ready synergies that come with the program
+    #[command(after_help = "Examples:\n  eigenhand synergy list\n  eigenhand explore --synergy shadow")]
+    List(list::Args),
     /// Shows a synergy's components: which joints each moves, how far, and what it does in words
-    #[command(after_help = "SOURCE is a run directory, an export, a directory with synergy.toml, or such a file.\n\n\
-                            Examples:\n  eigenhand synergy show synergies/shadow\n  \
-                            eigenhand synergy show runs/shadow-quick-l1-s1-1 --space postures --components 3")]
+    #[command(
+        after_help = "SOURCE is a run directory, an export, a directory with synergy.toml, such a file, or the name of a ready synergy \
+                            (`synergy list`).\n\n\
+                            Examples:\n  eigenhand synergy show shadow\n  \
+                            eigenhand synergy show runs/shadow-quick-l1-s1-1 --space postures --components 3"
+    )]
     Show(show::Args),
     /// Compares two synergies on the joints that both have
-    #[command(after_help = "SOURCE is a run directory, an export, a directory with synergy.toml, or such a file.\n\n\
-                            Example:\n  eigenhand synergy compare runs/shadow-default-l1-s1-1 runs/shadow-default-l1-s2-1")]
+    #[command(
+        after_help = "SOURCE is a run directory, an export, a directory with synergy.toml, such a file, or the name of a ready synergy \
+                            (`synergy list`).\n\n\
+                            Example:\n  eigenhand synergy compare runs/shadow-default-l1-s1-1 runs/shadow-default-l1-s2-1"
+    )]
     Compare(compare::Args),
     /// Fits a synergy to samples: of runs, or of postures measured elsewhere
     #[command(
@@ -39,13 +51,22 @@ enum Command {
                             eigenhand synergy fit measured.csv --space postures --hand shadow --map names.toml --out mine"
     )]
     Fit(Box<fit::Args>),
+    /// Compares ways to express samples by few numbers: PCA, probabilistic PCA, and an autoencoder
+    #[command(
+        after_help = "Nothing is written. The grasps are divided into parts, and each part is reconstructed by spaces that \
+                            were fitted to the others.\n\n\
+                            Example:\n  eigenhand synergy reducers runs/shadow-default-l1-s1-1 --components 1,2,3,5"
+    )]
+    Reducers(Box<reducers::Args>),
 }
 
 /// Runs the command.
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match &args.command {
+        Command::List(args) => list::run(args),
         Command::Show(args) => show::run(args),
         Command::Compare(args) => compare::run(args),
         Command::Fit(args) => fit::run(args),
+        Command::Reducers(args) => reducers::run(args),
     }
 }

@@ -1,6 +1,5 @@
 //! `eigenhand train`
 
-use std::ffi::OsString;
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -8,16 +7,20 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use anyhow::Context;
-use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use eigenhand_report::counted;
-use eigenhand_train::config::Preset;
 use eigenhand_train::request::{Launch, NewRun, Plan, ResumedRun};
-use eigenhand_train::{Bar, FinishedRun, Lines, PICTURES, Progress, Silent, StoppedBy, Summary, TrainError};
+use eigenhand_train::{
+    Bar, FinishedRun, Lines, MOST_COMPONENTS, PICTURES, Progress, Quiet, StoppedBy, Summary, TrainError, add_pictures,
+    say,
+};
 use serde::Serialize;
 
+use crate::bundled::synergy_at;
+use crate::numbers::{LARGEST, number, whole};
 use crate::output::{Outcome, duration, percent, print, print_json};
-use crate::render::{Wanted, draw};
+use crate::render::{OVERVIEW, Wanted, draw};
+use crate::settings::SettingsArgs;
+use crate::signals::on_stop;
 use crate::{program, search_path, setup};
 
 /// Exit status of a program that Ctrl-C ended, by the shell's convention.
@@ -26,8 +29,6 @@ pub const INTERRUPTED: u8 = 130;
 const LINE_EVERY: Duration = Duration::from_secs(20);
 /// More numbers than this share of the actuators are hardly a reduction.
 const HARDLY_FEWER: f64 = 0.5;
-/// Largest seed and count that a TOML integer holds.
-pub const LARGEST: u64 = i64::MAX as u64;
 
 const EXAMPLES: &str = "\
 Settings come from these layers; each overrides the layers before it: defaults, --preset, --config, --set, options.
@@ -38,6 +39,7 @@ Examples:
   eigenhand train --hand shadow --lambda 0 --objects cube,sphere --set learner.gamma=0.95
   eigenhand train --hand shadow --action-space synergy --synergy runs/shadow-default-l1-s1-1 --components 3
   eigenhand train --resume runs/shadow-default-l1-s1-1
+  eigenhand train --from runs/shadow-default-l1-s1-1 --objects varied --episodes 2000
   eigenhand train --hand shadow --preset quick --seed 1";
 
 /// Trains a hand to grasp and lift, and computes its synergy
@@ -50,10 +52,10 @@ pub struct Args {
     #[command(flatten)]
     settings: SettingsArgs,
     /// How far the policy is confined to its synergy: 1 is all the way, 0 leaves it free
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", value_parser = number, allow_negative_numbers = true)]
     lambda: Option<f64>,
     /// Seed of all random numbers
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=LARGEST))]
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(0..=LARGEST))]
     seed: Option<u64>,
     /// Run directory [default: runs/<hand>-<preset>-l<lambda>-s<seed>-<n>]
     #[arg(long, value_name = "DIR")]
@@ -61,21 +63,24 @@ pub struct Args {
     /// What the policy commands: every joint, or the numbers of the synergy that --synergy names
     #[arg(long, value_name = "SPACE", value_parser = ["joints", "synergy"])]
     action_space: Option<String>,
-    /// Run, export or synergy.toml in whose numbers the policy acts
+    /// Run, export, synergy.toml or ready synergy in whose numbers the policy acts
     #[arg(long, value_name = "PATH", requires = "action_space")]
     synergy: Option<PathBuf>,
     /// Components of the synergy: the numbers that command the hand
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "K", value_parser = whole::<u64>(1..=1000))]
     components: Option<u64>,
+    /// Starts with the networks of this run, in its settings unless others are given: other objects, another scene
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["preset", "action_space", "synergy", "components"])]
+    from: Option<PathBuf>,
     /// Continues the run in this directory
     #[arg(
         long,
         value_name = "DIR",
-        conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out", "action_space", "synergy", "components"]
+        conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out", "action_space", "synergy", "components", "from"]
     )]
     resume: Option<PathBuf>,
     /// Threads for simulation and for updates; 0 means one for each core. The result does not depend on this number
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(0..=1024))]
     workers: Option<usize>,
     /// Whether to write event files for TensorBoard into the run directory [default: true]
     #[arg(long, value_name = "BOOL", num_args = 0..=1, default_missing_value = "true")]
@@ -93,79 +98,9 @@ pub struct Args {
     install: setup::InstallArgs,
 }
 
-/// Options that all commands share that make runs.
-#[derive(clap::Args, Clone)]
-pub struct SettingsArgs {
-    /// Settings to start from [default: default, or the preset in the configuration file]
-    #[arg(long, value_name = "NAME", value_parser = preset_parser())]
-    pub preset: Option<Preset>,
-    /// Training episodes of a run, in all
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=LARGEST))]
-    pub episodes: Option<u64>,
-    /// Objects to grasp, separated by commas: objects (cube), sets (varied), directories or files
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    pub objects: Option<Vec<String>>,
-    /// TOML file with settings; docs/configuration.md lists them
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
-    /// Changes one setting, such as learner.gamma=0.95; can be given several times
-    #[arg(long = "set", value_name = "KEY=VALUE")]
-    pub assignments: Vec<String>,
-    /// Additional directory of hands; can be given several times
-    #[arg(long, value_name = "DIR")]
-    pub plugins: Vec<PathBuf>,
-    /// Trains a hand that fails the hand contract, too
-    #[arg(long)]
-    pub force: bool,
-}
-
-impl SettingsArgs {
-    /// Returns command-line arguments with the same meaning.
-    pub fn arguments(&self) -> Vec<OsString> {
-        let SettingsArgs { preset, episodes, objects, config, assignments, plugins, force } = self;
-        let mut arguments: Vec<OsString> = Vec::new();
-        let mut option = |name: &str, value: OsString| arguments.extend([name.into(), value]);
-        if let Some(preset) = preset {
-            option("--preset", preset.name().into());
-        }
-        if let Some(episodes) = episodes {
-            option("--episodes", episodes.to_string().into());
-        }
-        if let Some(objects) = objects {
-            option("--objects", objects.join(",").into());
-        }
-        if let Some(file) = config {
-            option("--config", file.into());
-        }
-        assignments.iter().for_each(|assignment| option("--set", assignment.into()));
-        plugins.iter().for_each(|directory| option("--plugins", directory.into()));
-        if *force {
-            arguments.push("--force".into());
-        }
-        arguments
-    }
-
-    /// Returns a request for a new run with only these settings.
-    pub fn new_run(&self) -> NewRun {
-        NewRun {
-            preset: self.preset,
-            file: self.config.clone(),
-            assignments: self.assignments.clone(),
-            episodes: self.episodes,
-            objects: self.objects.clone(),
-            force: self.force,
-            hands: search_path(&self.plugins),
-            ..NewRun::default()
-        }
-    }
-}
-
-/// Reads the name of a preset, and describes each preset in `--help`.
-fn preset_parser() -> impl TypedValueParser<Value = Preset> {
-    let values = Preset::ALL.map(|preset| PossibleValue::new(preset.name()).help(preset.meaning()));
-    // The possible values are the presets' names.
-    PossibleValuesParser::new(values)
-        .map(|name| Preset::ALL.into_iter().find(|preset| preset.name() == name).unwrap_or_default())
+/// Returns a display of progress: a bar on a terminal, lines elsewhere.
+pub fn on_stderr() -> Box<dyn Progress> {
+    if std::io::stderr().is_terminal() { Box::new(Bar::new()) } else { Box::new(Lines::new(LINE_EVERY)) }
 }
 
 /// A summary with its run directory.
@@ -181,18 +116,11 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let launch = setup::with_mujoco(&args.install, || prepare(args))?;
     let plan = launch.plan().clone();
     if !args.quiet {
-        eprint!("{}", heading(&plan));
+        say!("{}", heading(&plan).trim_end());
     }
     let stop = stop_on_signal()?;
-    let mut progress: Box<dyn Progress> = if args.quiet {
-        Box::new(Silent)
-    } else if std::io::stderr().is_terminal() {
-        Box::new(Bar::new())
-    } else {
-        Box::new(Lines::new(LINE_EVERY))
-    };
-    let plugins: String =
-        args.settings.plugins.iter().map(|place| format!(" --plugins {}", program::path(place))).collect();
+    let mut progress: Box<dyn Progress> = if args.quiet { Box::new(Quiet) } else { on_stderr() };
+    let plugins = program::plugins(&args.settings.plugins);
     let resume = program::line(&format!("train --resume {}{plugins}", program::path(&plan.run)));
     let summary = launch.run(&stop, progress.as_mut()).map_err(|error| explain(error, &resume))?;
     // The results come first: what goes wrong in a picture must not cost them.
@@ -207,7 +135,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     match summary.stopped_by {
         StoppedBy::Episodes => Ok(Outcome::Done),
         StoppedBy::Interrupt => {
-            eprintln!("continue with: {resume}");
+            say!("continue with: {resume}");
             Ok(Outcome::Interrupted)
         }
     }
@@ -219,11 +147,17 @@ fn draw_pictures(args: &Args, plan: &Plan, summary: &Summary) {
         return;
     }
     if !args.quiet {
-        eprintln!("drawing {} (render draws them again)", plan.run.join(PICTURES).display());
+        say!("drawing {} (render draws them again)", plan.run.join(PICTURES).display());
     }
     let run = FinishedRun::open(&plan.run, &search_path(&args.settings.plugins), &[]).map_err(anyhow::Error::from);
-    if let Err(error) = run.and_then(|run| draw(&run, &Wanted::default())) {
-        eprintln!("note: no pictures were drawn: {error:#}");
+    let drawn = run.and_then(|run| {
+        let mut pictures = draw(&run, &Wanted::default())?.files;
+        // TensorBoard shows no animation, and the overview repeats parts of the others.
+        pictures.retain(|path| path.extension().is_some_and(|kind| kind == "png") && !path.ends_with(OVERVIEW));
+        Ok(add_pictures(&plan.run, summary.episodes, &pictures)?)
+    });
+    if let Err(error) = drawn {
+        say!("note: no pictures were drawn: {error:#}");
     }
 }
 
@@ -258,9 +192,10 @@ fn prepare(args: &Args) -> Result<Launch, TrainError> {
         }),
         None => {
             let mut request = args.settings.new_run();
-            request.assignments.extend(action_space(args));
+            request.assignments.extend(action_space(args)?);
             Launch::start(&NewRun {
                 hand: args.hand.clone(),
+                from: args.from.clone(),
                 lambda: args.lambda,
                 seed: args.seed,
                 workers: args.workers,
@@ -273,35 +208,38 @@ fn prepare(args: &Args) -> Result<Launch, TrainError> {
 }
 
 /// Returns the options on what the policy commands as assignments of settings.
-fn action_space(args: &Args) -> Vec<String> {
+fn action_space(args: &Args) -> Result<Vec<String>, TrainError> {
     let mut assignments = Vec::new();
     if let Some(space) = &args.action_space {
         assignments.push(format!("action_space={space}"));
     }
     if let Some(path) = &args.synergy {
+        let path = synergy_at(path).map_err(|error| TrainError::Option {
+            option: format!("--synergy {}", path.display()),
+            reason: format!("{error:#}"),
+        })?;
         // The run directory keeps the path, so it must not depend on the working directory.
-        let path = std::path::absolute(path).unwrap_or_else(|_| path.clone());
+        let path = std::path::absolute(&path).unwrap_or(path);
         assignments.push(format!("synergy.file={}", toml::Value::String(path.display().to_string())));
     }
     if let Some(components) = args.components {
         assignments.push(format!("synergy.components={components}"));
     }
-    assignments
+    Ok(assignments)
 }
 
 /// Sets the flag at the first Ctrl-C or SIGTERM, and ends the program at the second.
 fn stop_on_signal() -> anyhow::Result<Arc<AtomicBool>> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
+    on_stop(move || {
         if flag.swap(true, Ordering::Relaxed) {
             std::process::exit(i32::from(INTERRUPTED));
         }
         // On a terminal, ^C has just appeared in a line of the bar. A new line keeps the bar from covering the message.
         let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
-        eprintln!("{newline}saving and stopping after this cycle; Ctrl-C again stops at once{newline}");
-    })
-    .context("cannot listen for Ctrl-C")?;
+        say!("{newline}saving and stopping after this cycle; Ctrl-C again stops at once{newline}");
+    })?;
     Ok(stop)
 }
 
@@ -326,6 +264,9 @@ fn heading(plan: &Plan) -> String {
     };
     line("synergy", format!("{} for {}{hardly}", counted(plan.components, "number"), counted(driven, "actuator")));
     line("objects", plan.objects.join(", "));
+    if let Some(from) = &plan.from {
+        line("networks", format!("those of {}", from.display()));
+    }
     let resumed = match plan.episodes_done {
         0 => String::new(),
         n => format!(", from episode {n}"),
@@ -425,7 +366,9 @@ fn describe(plan: &Plan, summary: &Summary, plugins: &str) -> String {
     line("", "  metrics.csv, summary.json     learning curves, and results");
     if summary.stopped_by == StoppedBy::Episodes {
         let run = program::path(&plan.run);
-        line("next", &program::line(&format!("eval {run}{plugins} --components 0..8")));
+        // One actuator is the slide's.
+        let most = (plan.n_actuators - 1).min(MOST_COMPONENTS);
+        line("next", &program::line(&format!("eval {run}{plugins} --components 0..{most}")));
         line("", &program::line(&format!("explore {run}{plugins}")));
         line(
             "",

@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use disk::Disk;
+use eigenhand_synergy::PostureDatabase;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -15,8 +17,12 @@ use tempfile::TempDir;
 #[allow(dead_code)]
 mod gripper;
 
+#[path = "../../../xtask/src/disk.rs"]
+mod disk;
 #[path = "commands/synergy.rs"]
 mod synergy;
+#[path = "commands/unruly.rs"]
+mod unruly;
 
 /// Settings with which a run passes through every stage in a second or two.
 const TINY: [&str; 11] = [
@@ -50,15 +56,29 @@ fn eigenhand() -> Command {
     command
 }
 
+/// Returns the Python of the tests: the one in `EIGENHAND_PYTHON`, or else the system's.
+fn python() -> Command {
+    Command::new(std::env::var("EIGENHAND_PYTHON").unwrap_or_else(|_| "python3".to_owned()))
+}
+
+/// Tells whether that Python has a module. Where `EIGENHAND_PYTHON_REQUIRED` is set, it must.
+fn python_has(module: &str) -> bool {
+    let there = python().args(["-c", &format!("import {module}")]).output().is_ok_and(|probe| probe.status.success());
+    assert!(there || std::env::var_os("EIGENHAND_PYTHON_REQUIRED").is_none(), "Python cannot import {module}");
+    there
+}
+
 fn run(arguments: &[&str]) -> Output {
     eigenhand().args(arguments).output().unwrap()
 }
 
-/// Name of a hand that the workspace has, as files that a test can copy and change.
+/// Name of a hand that the workspace has, as files that a test can copy and change: the one with the fewest actuators, whose
+/// runs are the shortest.
 fn hand() -> String {
     let hands = json(&run(&["hands", "list", "--json"]));
     let written = |hand: &&Value| Path::new(hand["directory"].as_str().unwrap()).join("hand.toml").is_file();
-    hands.as_array().unwrap().iter().find(written).unwrap()["name"].as_str().unwrap().to_owned()
+    let actuators = |hand: &&Value| hand["n_actuators"].as_u64();
+    hands.as_array().unwrap().iter().filter(written).min_by_key(actuators).unwrap()["name"].as_str().unwrap().to_owned()
 }
 
 /// Starts the arguments of a tiny run.
@@ -68,6 +88,26 @@ fn tiny(hand: &str, out: &Path) -> Vec<String> {
     arguments.push(out.display().to_string());
     for setting in TINY {
         arguments.extend(["--set".to_owned(), setting.to_owned()]);
+    }
+    arguments
+}
+
+/// Writes the gripper with a vane into a directory of its own in a place, and returns its path.
+fn write_gripper(place: &Path) -> String {
+    let hand = place.join("gripper");
+    std::fs::create_dir(&hand).unwrap();
+    let model = gripper::GRIPPER_MODEL.replace("<!-- extra bodies -->", gripper::VANE);
+    std::fs::write(hand.join("gripper.xml"), model.replace("<!-- extra actuators -->", gripper::TURN)).unwrap();
+    std::fs::write(hand.join("hand.toml"), gripper::GRIPPER_MANIFEST).unwrap();
+    hand.display().to_string()
+}
+
+/// Starts the arguments of a run of the gripper, which succeeds now and then; `more` are further settings.
+fn gripper_run(hand: &str, out: &Path, more: &[&str]) -> Vec<String> {
+    let mut arguments = ["train", "--hand", hand, "--force", "--out"].map(str::to_owned).to_vec();
+    arguments.push(out.display().to_string());
+    for setting in gripper::TINY.iter().chain(more).filter(|setting| !setting.starts_with("hand=")) {
+        arguments.extend(["--set".to_owned(), (*setting).to_owned()]);
     }
     arguments
 }
@@ -496,15 +536,14 @@ fn damage_is_named_and_nothing_is_lost() {
         || run(&["train", "--resume", out_text, "--plugins", plugins_text, "--quiet", "--episodes", "12"]);
 
     let learner = out.join("checkpoints/episode-00000008/learner.safetensors");
-    let sound = std::fs::read(&learner).unwrap();
-    let mut damaged = sound.clone();
+    let mut damaged = std::fs::read(&learner).unwrap();
     *damaged.last_mut().unwrap() ^= 1;
     std::fs::write(&learner, &damaged).unwrap();
-    let older = "checkpoints/episode-00000004";
-    assert_error(&resume_longer(), FAILURE, &["learner.safetensors is damaged", older]);
-    assert_eq!(std::fs::read(&learner).unwrap(), damaged, "nothing was changed");
-    assert!(out.join(older).is_dir());
-    std::fs::write(&learner, sound).unwrap();
+    let output = resume_longer();
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("is set aside as"), "also with --quiet: {}", stderr(&output));
+    let aside = out.join("checkpoints/damaged-episode-00000008/learner.safetensors");
+    assert_eq!(std::fs::read(aside).unwrap(), damaged, "nothing is thrown away");
 
     let policy = out.join("policy.safetensors");
     std::fs::write(&policy, b"not tensors").unwrap();
@@ -633,4 +672,135 @@ fn the_doctor_names_what_is_missing_and_what_mends_it() {
     assert!(mujoco["detail"].as_str().unwrap().contains("EIGENHAND_MUJOCO_LIB"), "{mujoco}");
     let healthy = json(&run(&["doctor", "--json"]));
     assert_eq!(healthy["ok"], true);
+}
+
+/// Starts the program, `$0` with `$@`, in a script of Bash whose output nobody reads.
+fn silent(script: &str, arguments: &[String]) -> Command {
+    let mut command = Command::new("bash");
+    command.args(["-c", script, env!("CARGO_BIN_EXE_eigenhand")]).args(arguments).current_dir(workspace());
+    command.env_remove("EIGENHAND_PLUGINS").env("EIGENHAND_NO_INSTALL", "1");
+    command.stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+/// What is printed is no part of the work: a reader that is gone, or a full disk, ends no run.
+#[test]
+fn a_run_outlives_the_reader_of_its_output() {
+    for (name, streams) in [("closed", "2>&1 | head -n 1"), ("full", ">/dev/full 2>/dev/full")] {
+        let root = TempDir::new().unwrap();
+        let out = root.path().join("run");
+        let mut arguments = tiny(&hand(), &out);
+        arguments.extend(["--episodes", "8"].map(str::to_owned));
+        let script = format!("set -o pipefail; \"$0\" \"$@\" {streams}");
+        let status = silent(&script, &arguments).status().unwrap();
+        let written = std::fs::read(out.join("summary.json")).unwrap_or_else(|error| panic!("{name}: {error}"));
+        let summary: Value = serde_json::from_slice(&written).unwrap();
+        assert_eq!((&summary["episodes"], &summary["stopped_by"]), (&8.into(), &"episodes".into()), "{name}");
+        // What cannot be printed on a full disk is a failure that the status tells; a reader that had enough is none.
+        assert_eq!(status.code(), Some(if name == "closed" { 0 } else { FAILURE }), "{name}");
+    }
+}
+
+/// A terminal that closes saves the run, unless the run was started to outlive it.
+#[test]
+fn a_closed_terminal_saves_a_run_and_nohup_lets_it_go_on() {
+    for ignored in [false, true] {
+        let root = TempDir::new().unwrap();
+        let out = root.path().join("run");
+        let mut arguments = tiny(&hand(), &out);
+        arguments.extend(["--episodes", "24"].map(str::to_owned));
+        let script = if ignored { "trap '' HUP; exec \"$0\" \"$@\"" } else { "exec \"$0\" \"$@\"" };
+        let mut child = silent(script, &arguments).spawn().unwrap();
+        wait_until("a checkpoint", || out.join("checkpoints/episode-00000004").is_dir());
+        assert!(Command::new("kill").args(["-HUP", &child.id().to_string()]).status().unwrap().success());
+        let status = child.wait().unwrap().code();
+        let written = std::fs::read(out.join("summary.json")).unwrap();
+        let stopped_by = serde_json::from_slice::<Value>(&written).unwrap()["stopped_by"].clone();
+        let expected = if ignored { (Some(0), "episodes") } else { (Some(INTERRUPTED), "interrupt") };
+        assert_eq!((status, stopped_by), (expected.0, expected.1.into()), "ignored: {ignored}");
+    }
+}
+
+/// Returns a disk whose power can be cut; none where that is not allowed, which is said.
+fn disk() -> Option<Disk> {
+    use std::io::Write as _;
+    let refused = |reason: anyhow::Error| {
+        let _ = writeln!(std::io::stderr(), "skipped: a disk needs root, mkfs.ext4 and loop devices: {reason}");
+    };
+    Disk::new().map_err(refused).ok()
+}
+
+/// A finished run can be used where nothing may be written, also one whose database has stayed in WAL mode.
+#[test]
+fn a_finished_run_is_used_on_read_only_media() {
+    let Some(disk) = disk() else { return };
+    let beside = TempDir::new().unwrap();
+    let hand = write_gripper(beside.path());
+    for wal in [false, true] {
+        let run_directory = disk.path().join(if wal { "wal" } else { "run" });
+        let train = silent("exec \"$0\" \"$@\"", &gripper_run(&hand, &run_directory, &gripper::LONGER)).status();
+        assert!(train.unwrap().success());
+        if wal {
+            let script = "import sqlite3, sys; sqlite3.connect(sys.argv[1]).execute('PRAGMA journal_mode=WAL')";
+            let database = run_directory.join("postures.sqlite");
+            assert!(Command::new("python3").args(["-c", script]).arg(database).status().unwrap().success());
+        }
+    }
+    let protected = Command::new("mount").args(["-o", "remount,ro"]).arg(disk.path()).status().unwrap();
+    assert!(protected.success());
+    for name in ["run", "wal"] {
+        let finished = disk.path().join(name).display().to_string();
+        let out = |what: &str| beside.path().join(format!("{name}-{what}")).display().to_string();
+        for arguments in [
+            vec!["report", &finished, "--out", &out("report")],
+            vec!["export", &finished, "--out", &out("export")],
+            vec!["synergy", "fit", &finished, "--joints", "all", "--components", "1", "--out", &out("fit")],
+            vec!["eval", &finished, "--episodes", "2"],
+            vec!["explore", &finished, "--no-open", "--out", &out("page.html")],
+        ] {
+            let output = run(&arguments);
+            assert!(output.status.success(), "{arguments:?}: {}", stderr(&output));
+        }
+    }
+}
+
+/// After a power cut, a run goes on from its last checkpoint to the same end, with all rows of its metrics and database.
+#[test]
+fn a_run_survives_power_cuts() {
+    let Some(disk) = disk() else { return };
+    let beside = TempDir::new().unwrap();
+    let hand = write_gripper(beside.path());
+    let train = |out: &Path| silent("exec \"$0\" \"$@\"", &gripper_run(&hand, out, &["episodes=40"]));
+    let whole = beside.path().join("whole");
+    assert!(train(&whole).status().unwrap().success());
+    let postures = |run: &Path| PostureDatabase::open_existing(run.join("postures.sqlite")).unwrap().load().unwrap();
+    assert!(!postures(&whole).is_empty(), "a checkpoint counts postures");
+    let out = disk.path().join("run");
+    let mut child = train(&out).spawn().unwrap();
+    for episodes in [8, 16, 32] {
+        wait_until("a checkpoint", || {
+            let there = out.join(format!("checkpoints/episode-{episodes:08}")).is_dir();
+            assert!(there || child.try_wait().unwrap().is_none(), "the run ended before episode {episodes}");
+            there
+        });
+        disk.cut_power().unwrap();
+        let _ = child.kill();
+        child.wait().unwrap();
+        disk.restart().unwrap();
+        let resume = ["train", "--resume", out.to_str().unwrap()].map(str::to_owned);
+        child = silent("exec \"$0\" \"$@\"", &resume).spawn().unwrap();
+    }
+    assert!(child.wait().unwrap().success(), "it goes on to its end");
+    let rows = |run: &Path| -> Vec<String> {
+        let text = std::fs::read_to_string(run.join("metrics.csv")).unwrap();
+        let wall = text.lines().next().unwrap().split(',').position(|column| column == "wall_s").unwrap();
+        let without = |line: &str| -> Vec<String> {
+            line.split(',').enumerate().filter(|(i, _)| *i != wall).map(|(_, cell)| cell.to_owned()).collect()
+        };
+        text.lines().map(|line| without(line).join(",")).collect()
+    };
+    assert_eq!(rows(&out), rows(&whole));
+    assert_eq!(postures(&out), postures(&whole));
+    let policy = |run: &Path| std::fs::read(run.join("policy.safetensors")).unwrap();
+    assert!(policy(&out) == policy(&whole), "the same policy");
 }

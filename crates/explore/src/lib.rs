@@ -11,6 +11,6 @@ mod surfaces;
 mod words;
 
 pub use error::ExploreError;
-pub use page::{Shown, page};
+pub use page::{Shown, check, page};
 pub use recording::Recording;
 pub use words::Words;

@@ -130,6 +130,29 @@ fn numbers(hand: &Hand, file: &SynergyFile) -> Vec<Number> {
     (0..synergy.n_components()).map(number).collect()
 }
 
+/// Checks that a page can show a synergy of a hand, and another one beside it.
+///
+/// # Errors
+/// As [`page`].
+pub fn check(hand: &Hand, file: &SynergyFile, beside: Option<&SynergyFile>) -> Result<(), ExploreError> {
+    maps(hand, file, beside).map(|_| ())
+}
+
+fn maps<'a>(
+    hand: &Hand,
+    file: &'a SynergyFile,
+    beside: Option<&'a SynergyFile>,
+) -> Result<(Maps<'a>, Option<Maps<'a>>), ExploreError> {
+    let own = Maps::of(hand, file)?;
+    let Some(second) = beside.map(|other| Maps::of(hand, other)).transpose()? else { return Ok((own, None)) };
+    let [names, others] = [&own.joints.names, &second.joints.names];
+    let alone = |name: &&&str| names.contains(name) != others.contains(name);
+    match names.iter().chain(others).find(alone) {
+        Some(name) => Err(ExploreError::DifferentJoints { name: (*name).to_owned() }),
+        None => Ok((own, Some(second))),
+    }
+}
+
 /// Returns a page that shows how the numbers of a synergy move a hand; `beside` is another synergy of the same hand, which
 /// moves a second hand with the same sliders. The page plays the recordings.
 ///
@@ -144,20 +167,12 @@ pub fn page(
     recordings: &[Recording],
 ) -> Result<String, ExploreError> {
     let Shown { file, title } = shown;
-    let Maps { joints, commands } = Maps::of(hand, file)?;
-    let beside = beside.map(|other| -> Result<Beside<'_>, ExploreError> {
-        let maps = Maps::of(hand, other.file)?;
-        let [own, others] = [&joints.names, &maps.joints.names];
-        let alone = |name: &&&str| own.contains(name) != others.contains(name);
-        if let Some(name) = own.iter().chain(others).find(alone) {
-            return Err(ExploreError::DifferentJoints { name: (*name).to_owned() });
-        }
-        Ok(Beside {
-            title: other.title,
-            numbers: numbers(hand, other.file),
-            joints: maps.joints,
-            grasps: &other.file.grasps,
-        })
+    let (Maps { joints, commands }, second) = maps(hand, file, beside.map(|other| other.file))?;
+    let beside = beside.zip(second).map(|(other, maps)| Beside {
+        title: other.title,
+        numbers: numbers(hand, other.file),
+        joints: maps.joints,
+        grasps: &other.file.grasps,
     });
     let scene = task.scenes.first().ok_or(ExploreError::NoScene)?;
     let data = task.open_hand(scene)?;
@@ -179,7 +194,7 @@ pub fn page(
         surfaces: surfaces(&data, &bodies),
         tips: tips(hand, &data, &bodies)?,
         parts,
-        beside: beside.transpose()?,
+        beside,
         recordings: recordings.iter().filter_map(|recording| recording.played(height)).collect(),
     };
     // Inside a script element, `<` can begin its end or a comment.

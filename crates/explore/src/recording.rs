@@ -25,6 +25,7 @@ pub struct Recording {
 #[derive(Debug, Clone)]
 struct Frame {
     z: Vec<f64>,
+    beside: Vec<f64>,
     posture: Vec<f64>,
     place: Vector3<f64>,
     orientation: UnitQuaternion<f64>,
@@ -47,6 +48,8 @@ pub(crate) struct Played<'a> {
 struct PlayedFrame<'a> {
     /// The numbers nearest to the commands.
     z: &'a [f64],
+    /// Those of the second synergy; empty without one.
+    beside: &'a [f64],
     /// Positions of the page's joints.
     q: &'a [f64],
     /// Motion of the object since the first frame, as the hand sees it: rotation row by row, and shift in m.
@@ -72,13 +75,15 @@ impl Recording {
         })
     }
 
-    /// Adds a frame: the numbers nearest to the commands now, and where hand and object are.
-    pub fn add(&mut self, env: &GraspEnv, z: Vec<f64>) {
+    /// Adds a frame: the numbers nearest to the commands now, those of the synergy beside (none without one), and where hand
+    /// and object are.
+    pub fn add(&mut self, env: &GraspEnv, z: Vec<f64>, beside: Vec<f64>) {
         let mut posture = vec![0.0; env.task().posture_joints.len()];
         env.posture(&mut posture);
         let [x, y, height, w, i, j, k] = env.object_pose();
         self.frames.push(Frame {
             z,
+            beside,
             place: Vector3::new(x, y, height),
             orientation: UnitQuaternion::new_normalize(Quaternion::new(w, i, j, k)),
             height: env.simulation().qpos()[self.slide],
@@ -105,6 +110,7 @@ impl Recording {
             let (turn, shift) = frame(shown);
             PlayedFrame {
                 z: &shown.z,
+                beside: &shown.beside,
                 q: &shown.posture,
                 r: turn.matrix().transpose().iter().copied().collect(),
                 t: shift.into(),

@@ -64,6 +64,19 @@ impl Words {
         self.finger.contains_key(name)
     }
 
+    /// Names the fingers or coordinates of which a verb is said.
+    fn named(&self, verb: &str, parts: &[String]) -> String {
+        match parts.len() {
+            1 => parts[0].clone(),
+            n => {
+                let all = n == self.fingers.len() && verb != "moves";
+                let names = if all { "all fingers".to_owned() } else { parts.join(", ") };
+                let together = if ["closes", "opens"].contains(&verb) { " together" } else { "" };
+                format!("{names}{together}")
+            }
+        }
+    }
+
     /// Says what happens to the hand while the component's number rises.
     pub fn sentence(&self, names: &[&str], loadings: &[f64]) -> String {
         let total: f64 = loadings.iter().map(|x| x * x).sum();
@@ -99,18 +112,35 @@ impl Words {
         }
         let said: Vec<String> = ["closes", "opens", "turns", "reshapes", "moves"]
             .iter()
-            .filter_map(|verb| Some(format!("{verb} {}", parts.get(verb)?.join(", "))))
+            .filter_map(|verb| Some(format!("{verb} {}", self.named(verb, parts.get(verb)?))))
             .collect();
         if said.is_empty() { "moves many joints a little".to_owned() } else { said.join("; ") }
     }
 }
 
-/// Names fingers as their tips, without an ending that all of them have.
+/// Words in the name of a fingertip that do not tell which finger it is.
+const OF_ANY_TIP: [&str; 8] = ["fingertip", "tip", "site", "link", "distal", "end", "frame", "pad"];
+
+/// Names fingers as their tips, without an ending that all of them have, and without the words that any tip can have. A
+/// finger of which nothing is left but a number is called by its place.
 fn finger_names<'a>(tips: impl Iterator<Item = &'a str> + Clone) -> Vec<String> {
     let ending = ["_fingertip", "fingertip", "_tip", "tip", "_site"]
         .into_iter()
         .find(|ending| tips.clone().all(|tip| tip.strip_suffix(ending).is_some_and(|rest| !rest.is_empty())));
-    tips.map(|tip| ending.and_then(|ending| tip.strip_suffix(ending)).unwrap_or(tip).to_owned()).collect()
+    let bare = tips.map(|tip| ending.and_then(|ending| tip.strip_suffix(ending)).unwrap_or(tip));
+    let bare: Vec<&str> = bare.collect();
+    let is_number = |word: &str| {
+        let digits = word.strip_prefix(['l', 'L']).unwrap_or(word);
+        !digits.is_empty() && digits.chars().all(|c| c.is_ascii_digit())
+    };
+    let name = |(i, tip): (usize, &&str)| {
+        let tells = |word: &&str| !OF_ANY_TIP.contains(&word.to_lowercase().as_str()) && !is_number(word);
+        let words: Vec<&str> = tip.split('_').filter(tells).collect();
+        if words.is_empty() { format!("finger {}", i + 1) } else { words.join("_") }
+    };
+    let named: Vec<String> = bare.iter().enumerate().map(name).collect();
+    let unlike = named.iter().enumerate().all(|(i, name)| !named[..i].contains(name));
+    if unlike { named } else { bare.into_iter().map(str::to_owned).collect() }
 }
 
 #[cfg(test)]
@@ -130,10 +160,14 @@ mod tests {
     fn a_component_is_told_in_words() {
         let names = ["bend", "curl", "spread", "thumb", "wrist"];
         let say = |loadings: [f64; 5]| words().sentence(&names, &loadings);
-        assert_eq!(say([0.6, -0.5, 0.1, 0.6, 0.0]), "closes index, thumb");
+        assert_eq!(say([0.6, -0.5, 0.1, 0.6, 0.0]), "closes all fingers together");
         assert_eq!(say([0.6, -0.5, 0.0, -0.6, 0.0]), "closes index; opens thumb");
         assert_eq!(say([0.0, 0.0, 1.0, 0.0, 0.0]), "turns index");
         assert_eq!(say([0.6, 0.6, 0.0, 0.0, 0.5]), "reshapes index; moves wrist");
-        assert_eq!(finger_names(["ff", "tip"].into_iter()), ["ff", "tip"]);
+        assert_eq!(finger_names(["ff", "tip"].into_iter()), ["ff", "finger 2"]);
+        let leap = ["fingertip_site", "fingertip_2_tip", "thumb_fingertip_site"];
+        assert_eq!(finger_names(leap.into_iter()), ["finger 1", "finger 2", "thumb"]);
+        assert_eq!(finger_names(["index_L2_tip", "middle_L2_tip"].into_iter()), ["index", "middle"]);
+        assert_eq!(finger_names(["left_pad", "left_end"].into_iter()), ["left_pad", "left_end"]);
     }
 }

@@ -2,7 +2,7 @@
 #![forbid(unsafe_code)]
 
 use std::fs::{self, File};
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
@@ -52,7 +52,50 @@ fn write_and_rename(path: &Path, bytes: &[u8], durable: bool) -> Result<(), File
         }
         fs::rename(&partial, path)
     };
-    write().map_err(cannot("write", path))
+    write().map_err(cannot("write", path))?;
+    match path.parent().filter(|_| durable) {
+        Some(directory) => sync_directory(directory),
+        None => Ok(()),
+    }
+}
+
+/// Waits until the disk has the entries of a directory: files that were made in it, renamed or removed.
+///
+/// # Errors
+/// [`FileError`].
+pub fn sync_directory(directory: &Path) -> Result<(), FileError> {
+    // A path without a directory is in the working directory.
+    let directory = if directory.as_os_str().is_empty() { Path::new(".") } else { directory };
+    File::open(directory).and_then(|file| file.sync_all()).map_err(cannot("write", directory))
+}
+
+/// Reads a regular file of at most `limit` bytes. A pipe or a device is not opened, because reading it may never end.
+///
+/// # Errors
+/// [`std::io::ErrorKind::InvalidInput`] for what is no regular file, [`std::io::ErrorKind::FileTooLarge`] for a larger one, and
+/// those of the system.
+pub fn read_regular(path: &Path, limit: u64) -> std::io::Result<Vec<u8>> {
+    let metadata = fs::metadata(path)?;
+    if metadata.is_dir() {
+        return Err(std::io::ErrorKind::IsADirectory.into());
+    }
+    if !metadata.is_file() {
+        return Err(std::io::Error::new(
+            std::io::ErrorKind::InvalidInput,
+            "it is a pipe or a device, and no regular file",
+        ));
+    }
+    let too_large = |bytes: u64| {
+        let reason = format!("it has {bytes} bytes; at most {limit} are read");
+        std::io::Error::new(std::io::ErrorKind::FileTooLarge, reason)
+    };
+    if metadata.len() > limit {
+        return Err(too_large(metadata.len()));
+    }
+    let mut bytes = Vec::new();
+    // The file may grow while it is read.
+    File::open(path)?.take(limit + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit { Err(too_large(bytes.len() as u64)) } else { Ok(bytes) }
 }
 
 /// Creates a directory with its parents.
@@ -81,6 +124,23 @@ mod tests {
             assert_eq!(fs::read_to_string(&path).expect("readable"), text);
             assert_eq!(directory.path().read_dir().expect("readable").count(), 1, "nothing temporary is left");
         }
+    }
+
+    #[test]
+    fn what_is_no_regular_file_or_too_large_is_not_read() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let path = directory.path().join("file");
+        fs::write(&path, b"12345").expect("writable");
+        assert_eq!(read_regular(&path, 5).expect("readable"), b"12345");
+        assert_eq!(read_regular(&path, 4).expect_err("too large").kind(), std::io::ErrorKind::FileTooLarge);
+        for other in ["/dev/zero", "/dev/stdin"] {
+            let kind = read_regular(Path::new(other), 5).expect_err("a device or a pipe").kind();
+            assert!(
+                [std::io::ErrorKind::InvalidInput, std::io::ErrorKind::NotFound].contains(&kind),
+                "{other}: {kind}"
+            );
+        }
+        assert!(read_regular(directory.path(), 5).is_err());
     }
 
     #[test]

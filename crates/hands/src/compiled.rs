@@ -2,9 +2,10 @@
 //!
 //! Such a plugin is a directory with a sidecar, `hand-plugin.toml`. Its library returns the files of a hand's
 //! directory. They are copied, written to a cache and read from there like any other hand. Only `library` holds unsafe
-//! code.
+//! code, and `host` runs it in a process of its own.
 
 mod cache;
+mod host;
 mod library;
 mod locate;
 mod sidecar;
@@ -17,6 +18,7 @@ use crate::hand::Hand;
 use crate::manifest::MANIFEST_FILE;
 use crate::sources;
 
+pub use host::serve_plugins;
 pub use sidecar::{SIDECAR_FILE, SIDECAR_KEYS};
 
 /// Loads the hand in `directory`, which holds a manifest or a sidecar.
@@ -42,7 +44,7 @@ fn load(directory: &Path) -> Result<Hand, HandError> {
     let (sidecar, written) = sidecar::read(directory)?;
     let library = locate::find(directory, &sidecar)?;
     let mut files = BTreeMap::new();
-    for (name, content) in library::generate(&library, &sidecar.options)? {
+    for (name, content) in host::generate(&library, &sidecar.options)? {
         let name = plain_path(&name).map_err(|got| {
             HandError::plugin(&library, "the name of a file", "a plain path below the hand's directory", got)
         })?;

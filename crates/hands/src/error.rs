@@ -227,6 +227,12 @@ pub enum HandError {
         /// The content found.
         got: String,
     },
+    /// An error in the process that ran a compiled plugin.
+    #[error("{message}")]
+    InPlugin {
+        /// The error's text.
+        message: String,
+    },
     /// A compiled plugin generated no hand.
     #[error("{}: the plugin generated no hand from its options: {message}", file.display())]
     PluginRefused {

@@ -27,7 +27,7 @@ mod sources;
 mod summary;
 pub mod xml;
 
-pub use compiled::{SIDECAR_FILE, SIDECAR_KEYS};
+pub use compiled::{SIDECAR_FILE, SIDECAR_KEYS, serve_plugins};
 pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 pub use error::HandError;
 pub use hand::Hand;
@@ -40,6 +40,7 @@ pub use mjcf::{AngleUnit, Compiler};
 pub use parts::{Fingertip, FrameKind, HandActuator, HandCoupling, HandJoint, Servo, Transmission};
 pub use registry::{PLUGINS_VARIABLE, Registry, RegistryEntry, SearchPath};
 pub use schema::{KeyInfo, keys};
+pub use sources::LARGEST_FILE;
 pub use summary::{HandSummary, SummaryJoint, SummaryValue, ValueOrigin};
 
 /// The MJCF tree of [`Hand::model`].

@@ -10,6 +10,7 @@ use crate::manifest::{HandManifest, MANIFEST_FILE, ModelFormat};
 use crate::model::Contents;
 use crate::resolve;
 use crate::sources;
+use crate::sources::read_text;
 
 impl Hand {
     /// Reads and checks the hand in `directory`, which holds a manifest. Only [`Registry::get`](crate::Registry::get)
@@ -23,7 +24,7 @@ impl Hand {
         if directory.is_dir() && !manifest_path.is_file() {
             return Err(HandError::NoManifest { path: directory.to_path_buf(), expected: MANIFEST_FILE });
         }
-        let text = std::fs::read_to_string(&manifest_path).map_err(HandError::io(&manifest_path))?;
+        let text = read_text(&manifest_path)?;
         let manifest = HandManifest::parse(&text, &manifest_path)?;
         let model_path = directory.join(&manifest.model);
         let mut notes = Vec::new();

@@ -6,6 +6,7 @@ use crate::compiled::{self, SIDECAR_FILE};
 use crate::error::{HandError, nearest};
 use crate::hand::Hand;
 use crate::manifest::MANIFEST_FILE;
+use crate::sources::read_text;
 use crate::summary::HandSummary;
 
 /// Environment variable with more directories of plugins, separated as in `PATH`.
@@ -219,7 +220,7 @@ fn read_entry(directory: PathBuf) -> RegistryEntry {
 /// Returns the name of a broken hand: from its manifest or sidecar if readable, otherwise from its directory.
 fn written_name(directory: &Path) -> String {
     let name_in = |file: &&str| {
-        let table: toml::Table = toml::from_str(&std::fs::read_to_string(directory.join(file)).ok()?).ok()?;
+        let table: toml::Table = toml::from_str(&read_text(&directory.join(file)).ok()?).ok()?;
         table.get("name").and_then(toml::Value::as_str).map(str::to_owned)
     };
     let name = [MANIFEST_FILE, SIDECAR_FILE].iter().find_map(name_in);

@@ -5,6 +5,7 @@ use std::collections::btree_map::Entry;
 use std::fmt::Write as _;
 use std::path::{Component, Path, PathBuf};
 
+use eigenhand_files::read_regular;
 use sha2::{Digest, Sha256};
 use xmltree::{Element, XMLNode};
 
@@ -43,7 +44,7 @@ pub(crate) fn read(
     files.contents.insert(relative, text.as_bytes().to_vec());
     let model_path = directory.join(model);
     let text = files.text(manifest, "model", &model_path)?;
-    let mut root = xml::parse(&text, &model_path)?;
+    let mut root = parse(&text, &model_path)?;
     if root.name != "mujoco" {
         return Err(HandError::model(
             &model_path,
@@ -54,6 +55,7 @@ pub(crate) fn read(
     }
     let base = model_path.parent().unwrap_or(directory).to_path_buf();
     expand_includes(&mut root, &model_path, &base, &mut files, 0)?;
+    check_size(&root, &model_path)?;
     let compiler = Compiler::read(&root, &model_path)?;
     for section in elements(&root).filter(|e| matches!(e.name.as_str(), "asset" | "deformable")) {
         for asset in elements(section) {
@@ -64,15 +66,80 @@ pub(crate) fn read(
     Ok(Sources { model: root, files, digest })
 }
 
+/// Most elements of a model by name: real hands stay far below.
+const MOST: [(&str, usize); 3] = [("joint", 200), ("body", 1000), ("geom", 5000)];
+
+/// Checks that a model is no larger than the simulator can take in good time.
+fn check_size(root: &Element, file: &Path) -> Result<(), HandError> {
+    fn count(element: &Element, name: &str) -> usize {
+        usize::from(element.name == name) + elements(element).map(|child| count(child, name)).sum::<usize>()
+    }
+    let world = || elements(root).filter(|e| e.name == "worldbody");
+    for (name, most) in MOST {
+        let found: usize = world().map(|world| count(world, name)).sum();
+        if found > most {
+            return Err(HandError::model(file, format!("<{name}>"), &format!("at most {most} of them"), found));
+        }
+    }
+    Ok(())
+}
+
+/// Attributes of MJCF that hold text, in which `nan` and `inf` are words.
+const WORDS: [&str; 24] = [
+    "name",
+    "class",
+    "childclass",
+    "file",
+    "mesh",
+    "material",
+    "texture",
+    "hfield",
+    "skin",
+    "joint",
+    "joint1",
+    "joint2",
+    "body",
+    "body1",
+    "body2",
+    "geom",
+    "geom1",
+    "geom2",
+    "site",
+    "tendon",
+    "actuator",
+    "target",
+    "prefix",
+    "model",
+];
+
+/// Parses a model. MuJoCo accepts numbers that are not finite, and computes nothing with them.
+fn parse(text: &str, file: &Path) -> Result<Element, HandError> {
+    fn check(element: &Element, file: &Path) -> Result<(), HandError> {
+        let not_finite = |word: &str| word.parse::<f64>().is_ok_and(|number| !number.is_finite());
+        for (key, value) in element.attributes.iter().filter(|(key, _)| !WORDS.contains(&key.as_str())) {
+            let numbers = value.split_whitespace().all(|word| word.parse::<f64>().is_ok());
+            if numbers && value.split_whitespace().any(not_finite) {
+                let name = element.attributes.get("name").map_or_else(String::new, |name| format!(" `{name}`"));
+                return Err(HandError::model(file, format!("{}{name} {key}", element.name), "finite numbers", value));
+            }
+        }
+        elements(element).try_for_each(|child| check(child, file))
+    }
+    let root = xml::parse(text, file)?;
+    check(&root, file)?;
+    Ok(root)
+}
+
 /// Expands the includes of the model that `file` holds as `bytes`; included files may lie anywhere.
 pub(crate) fn expand(file: &Path, bytes: Vec<u8>, notes: &mut Vec<String>) -> Result<Element, HandError> {
     let mut files = Files::anywhere(notes);
     let text = files.decode(file, &bytes);
     let (_, canonical) = files.locate(file, "model", file)?;
     files.contents.insert(canonical, bytes);
-    let mut root = xml::parse(&text, file)?;
+    let mut root = parse(&text, file)?;
     let base = file.parent().unwrap_or(Path::new("")).to_path_buf();
     expand_includes(&mut root, file, &base, &mut files, 0)?;
+    check_size(&root, file)?;
     Ok(root)
 }
 
@@ -92,10 +159,19 @@ pub(crate) fn read_asset(path: &Path, asset: &Element, file: &Path) -> Result<Ve
 /// First bytes of a pointer that Git LFS leaves in place of a file's content.
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 
-/// Reads a file, unless it is a pointer of Git LFS.
+/// Largest file of a hand, in bytes.
+pub const LARGEST_FILE: u64 = 256 << 20;
+
+/// Reads a file, unless it is a pointer of Git LFS, no regular file, or larger than [`LARGEST_FILE`].
 pub(crate) fn read_file(path: &Path) -> Result<Vec<u8>, HandError> {
-    let bytes = std::fs::read(path).map_err(HandError::io(path))?;
+    let bytes = read_regular(path, LARGEST_FILE).map_err(HandError::io(path))?;
     if bytes.starts_with(LFS_POINTER) { Err(HandError::LfsPointer { path: path.to_path_buf() }) } else { Ok(bytes) }
+}
+
+/// Reads a file of text, as [`read_file`] does.
+pub(crate) fn read_text(path: &Path) -> Result<String, HandError> {
+    let invalid = |error| HandError::io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, error));
+    String::from_utf8(read_file(path)?).map_err(invalid)
 }
 
 fn expand_includes(
@@ -125,7 +201,7 @@ fn expand_includes(
                     ));
                 }
                 let text = files.text(file, "include file", &path)?;
-                let mut included = xml::parse(&text, &path)?;
+                let mut included = parse(&text, &path)?;
                 expand_includes(&mut included, &path, base, files, depth + 1)?;
                 children.append(&mut included.children);
             }

@@ -229,6 +229,24 @@ impl Data {
             inertia: count(mj::mjWARN_INERTIA),
         }
     }
+
+    /// Returns the name of the joint whose position, velocity or acceleration was not finite or too large at the last reset
+    /// that MuJoCo made because of it; none without one, or if the joint has no name.
+    pub fn bad_joint(&self) -> Option<String> {
+        let raised = |kind: mj::mjtWarning_| {
+            let warning = &self.get().warning[kind as usize];
+            (warning.number > 0).then(|| usize::try_from(warning.lastinfo).ok()).flatten()
+        };
+        let model = self.model();
+        let joint = match raised(mj::mjWARN_BADQPOS) {
+            Some(i) => model.joints().filter(|joint| model.qpos_address(*joint) <= i).last(),
+            None => {
+                let i = raised(mj::mjWARN_BADQVEL).or_else(|| raised(mj::mjWARN_BADQACC))?;
+                model.joints().filter(|joint| model.dof_address(*joint) <= i).last()
+            }
+        };
+        joint.map(|joint| model.joint_name(joint)).filter(|name| !name.is_empty())
+    }
 }
 
 /// Views `count` values from `first` for writing.

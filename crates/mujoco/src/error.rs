@@ -54,7 +54,7 @@ pub enum MuJoCoError {
         /// The file's name.
         name: String,
         /// The reason.
-        reason: &'static str,
+        reason: String,
     },
     /// A name is not in the compiled model.
     #[error("the model has no {what} named {name:?}")]

@@ -19,6 +19,7 @@
 //! ```
 
 #[rustfmt::skip]
+mod assets;
 mod bindings;
 mod changes;
 mod data;

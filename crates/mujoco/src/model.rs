@@ -40,6 +40,8 @@ impl Model {
         let mut files = VirtualFiles::new(library);
         files.add(SCENE_FILE, xml.as_bytes())?;
         for (name, bytes) in assets {
+            let unsound = |reason| MuJoCoError::Asset { name: name.clone(), reason };
+            crate::assets::check(xml, name, bytes).map_err(unsound)?;
             files.add(name, bytes)?;
         }
         let scene = c_name(SCENE_FILE)?;
@@ -266,7 +268,8 @@ pub(crate) unsafe fn slice_of<'a, T>(first: *const T, count: i32) -> &'a [T] {
 }
 
 fn c_name(name: &str) -> Result<CString, MuJoCoError> {
-    CString::new(name).map_err(|_| MuJoCoError::Asset { name: name.to_owned(), reason: "the name holds a NUL byte" })
+    CString::new(name)
+        .map_err(|_| MuJoCoError::Asset { name: name.to_owned(), reason: "the name holds a NUL byte".to_owned() })
 }
 
 /// MuJoCo's in-memory file system, filled before a model is compiled.
@@ -286,7 +289,7 @@ impl<'a> VirtualFiles<'a> {
     }
 
     fn add(&mut self, name: &str, bytes: &[u8]) -> Result<(), MuJoCoError> {
-        let refuse = |reason| MuJoCoError::Asset { name: name.to_owned(), reason };
+        let refuse = |reason: &str| MuJoCoError::Asset { name: name.to_owned(), reason: reason.to_owned() };
         let c_name = c_name(name)?;
         if name.len() >= self.raw.filename[0].len() {
             return Err(refuse("the name is too long for MuJoCo"));

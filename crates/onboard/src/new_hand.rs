@@ -24,7 +24,7 @@ mod model;
 mod texts;
 mod verdict;
 
-use model::{add_tips, clear_the_way, exclude_overlaps, leave_out_others, name_meshes_directory};
+use model::{add_tips, clear_the_way, colour_plain, exclude_overlaps, leave_out_others, name_meshes_directory};
 pub use texts::describe_new_hand;
 use texts::{manifest, readme};
 
@@ -177,6 +177,7 @@ impl Draft {
     fn new(request: &NewHand, model: &Element, found: Survey, notes: &[String]) -> Draft {
         let (mut model, mut notes) = (model.clone(), notes.to_vec());
         let tips = add_tips(&mut model, &found);
+        colour_plain(&mut model, &found);
         exclude_overlaps(&mut model, &found, &mut notes);
         clear_the_way(&mut model, &found, &mut notes);
         if !found.stuck.is_empty() {

@@ -16,11 +16,13 @@ const NEAR: f64 = 0.01;
 /// Direction to the light in the camera's frame: behind the camera, above it and to its left.
 const LIGHT: Vector3<f64> = Vector3::new(-0.6, 1.0, -0.5);
 /// Least value of a surface's brightest colour channel. Without it, a black hand would be a silhouette.
-const DARKEST: f64 = 0.2;
-/// Brightness from ambient light, from the light at perpendicular incidence, and from the camera at perpendicular view.
+const DARKEST: f64 = 0.3;
+/// Brightness from ambient light, from the light at perpendicular incidence, from the camera at perpendicular view, and from the
+/// table on faces that look down.
 const AMBIENT: f64 = 0.35;
 const DIFFUSE: f64 = 0.5;
 const HEADLIGHT: f64 = 0.25;
+const BOUNCE: f64 = 0.25;
 pub(crate) const BACKGROUND: [f64; 3] = [0.93, 0.95, 0.97];
 /// Least number of a plane's squares along the camera's distance.
 const SQUARES: f64 = 10.0;
@@ -105,8 +107,11 @@ impl<'a> Canvas<'a> {
                     let normal = normal.try_normalize(0.0).unwrap_or_default();
                     let towards = -(*axes * normal).dot(&view);
                     // A face is seen from both sides, because meshes are not always closed or consistently oriented.
-                    let falls = normal.dot(&light) * if towards < 0.0 { -1.0 } else { 1.0 };
-                    let shade = AMBIENT + DIFFUSE * falls.max(0.0) + HEADLIGHT * towards.abs();
+                    let seen = if towards < 0.0 { -normal } else { normal };
+                    let shade = AMBIENT
+                        + DIFFUSE * seen.dot(&light).max(0.0)
+                        + HEADLIGHT * towards.abs()
+                        + BOUNCE * (-seen.z).max(0.0);
                     depth[sample] = at;
                     painted[sample] = std::array::from_fn(|i| (f64::from(colour[i]) + lift) * shade);
                 }

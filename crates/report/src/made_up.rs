@@ -120,6 +120,7 @@ pub fn interrupted(lambda: f64, seed: u64) -> Run {
         control_error: None,
         end_variance: Vec::new(),
         picture: None,
+        explorer: None,
         errors: Vec::new(),
     }
 }

@@ -2,30 +2,36 @@
 
 mod content;
 mod few_numbers;
+mod lambdas;
 mod layout;
+mod settings;
 mod spaces;
 mod stress;
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use eigenhand_train::config::Settings;
 use maud::{Markup, html};
 
 use crate::figures::{FEW_NUMBERS, Figure};
-use crate::permutation::MOST_RELABELLINGS;
-use crate::records::{Analysis, DifferenceRecord, LEVELS, LambdaRecord, Quantity, RunRecord};
-use crate::run::{Run, best};
-use crate::statements::{counted, differing_settings, probability};
-use crate::stats::{Estimate, FEWEST, RESAMPLES, SIGNIFICANT, Verdict};
+use crate::records::{Analysis, LEVELS, Quantity, RunRecord};
+use crate::run::{EXPLORER, Run, best};
+use crate::stats::{Estimate, FEWEST, RESAMPLES, SIGNIFICANT};
+use crate::tables;
+use crate::write::JSON;
 
+pub(crate) use lambdas::supported;
 pub(crate) use layout::{document, drawing, heading, notes, table, words};
+pub(crate) use settings::{common_table, provenance};
 
 /// Renders the page.
 pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
     document(
         &title(analysis),
         &html! {
-            p.soft { (subtitle(analysis)) }
+            p.soft {
+                (subtitle(analysis)) " All numbers are in " a href=(tables::RUNS) { (tables::RUNS) } ", "
+                a href=(tables::LAMBDAS) { (tables::LAMBDAS) } " and " a href=(JSON) { (JSON) } "."
+            }
             (notes(&analysis.notes))
             (pictures(runs))
             (heading("Results"))
@@ -33,8 +39,8 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
             @if analysis.statements.is_empty() { p { "No run is complete yet." } }
             ul { @for statement in &analysis.statements { li { (statement) } } }
             (few_numbers::table(analysis))
-            (lambda_table(analysis))
-            (differences_table(analysis))
+            (lambdas::table(analysis))
+            (lambdas::differences(analysis))
             (spaces::section(analysis))
             (content::section(analysis))
             (stress::section(analysis))
@@ -47,9 +53,8 @@ pub fn render(runs: &[Run], analysis: &Analysis, figures: &[Figure]) -> String {
             (heading("Runs"))
             (runs_table(analysis))
             (heading("Settings"))
-            (settings(runs))
-            (heading("How it is computed"))
-            (method())
+            (settings::section(runs))
+            @if runs.len() > 1 { (heading("How it is computed")) (method()) }
         },
     )
 }
@@ -62,8 +67,13 @@ fn pictures(runs: &[Run]) -> Markup {
         figure {
             img src=(source) alt={ "A grasp of " (run.name) ", and the hand at both ends of its first numbers" };
             figcaption {
-                "The run " (run.name) ": a grasp, and the hand at both ends of its first numbers. The command " code { "explore" }
-                " with this run makes a page in which you move the numbers yourself."
+                "The run " (run.name) ": a grasp, and the hand at both ends of its first numbers. "
+                @if run.explorer.is_some() {
+                    a href=(EXPLORER) { "Move the numbers yourself" } "."
+                } @else {
+                    "The command " code { "explore" } " with this run makes a page in which you move the numbers yourself; the next \
+                     report links it."
+                }
             }
         }
     }
@@ -83,8 +93,7 @@ fn subtitle(analysis: &Analysis) -> String {
     let runs = if analysis.runs.len() == 1 { "run" } else { "runs" };
     format!(
         "{} {runs}, {complete} complete. Lambda says how far training confines the policy to the synergy of its hand: with 0 it \
-         commands every joint, with 1 it commands nothing but the numbers of the synergy. All numbers are in runs.csv, \
-         lambdas.csv and report.json.",
+         commands every joint, with 1 it commands nothing but the numbers of the synergy.",
         analysis.runs.len()
     )
 }
@@ -105,129 +114,6 @@ pub(crate) fn number(value: Option<f64>, factor: f64, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{:.digits$}", factor * value))
 }
 
-/// Returns the name with its unit, the factor from the files' unit, and the number of digits.
-fn quantity(quantity: Quantity, components: Option<usize>) -> (String, f64, usize) {
-    let (name, factor, digits) = match quantity {
-        Quantity::SuccessRate => ("final success (%)", 100.0, 1),
-        Quantity::OtherObjects => ("success with other objects (%)", 100.0, 1),
-        Quantity::SuccessWithComponents => return (configured(components), 100.0, 1),
-        Quantity::SuccessWithOne => ("success with 1 number (%)", 100.0, 1),
-        Quantity::SuccessWithTwo => ("success with 2 numbers (%)", 100.0, 1),
-        Quantity::ContributionSum => ("sum of contribution rates (%)", 100.0, 1),
-        Quantity::ContributionChange => ("change of that sum along training (points)", 100.0, 1),
-        Quantity::MeanErrorRad => ("mean approximation error (rad)", 1.0, 3),
-        Quantity::NPostures => ("postures", 1.0, 0),
-        Quantity::MeanPenetrationM => ("mean penetration (mm)", 1000.0, 2),
-        Quantity::MeanSelfPenetrationM => ("mean penetration within the hand (mm)", 1000.0, 2),
-        Quantity::WallS => ("wall time (min)", 1.0 / 60.0, 1),
-    };
-    (name.to_owned(), factor, digits)
-}
-
-/// `success with 5 numbers (%)`, or without the number if the runs do not agree.
-fn configured(components: Option<usize>) -> String {
-    let numbers = components.map_or_else(|| "the configured components".to_owned(), |k| counted(k, "number"));
-    format!("success with {numbers} (%)")
-}
-
-fn lambda_table(analysis: &Analysis) -> Markup {
-    let rows = |which: Quantity| {
-        let (name, factor, digits) = quantity(which, analysis.components);
-        let mut row = vec![name];
-        for lambda in &analysis.lambdas {
-            row.extend(cells(lambda, lambda.quantities.get(which.key()), factor, digits));
-        }
-        row
-    };
-    let mut body: Vec<Vec<String>> = Quantity::ALL.map(rows).to_vec();
-    let n_components = analysis.lambdas.iter().map(|lambda| lambda.contribution.len()).max().unwrap_or(0);
-    for i in 0..n_components {
-        let mut row = vec![format!("contribution rate {} (%)", i + 1)];
-        for lambda in &analysis.lambdas {
-            row.extend(cells(lambda, lambda.contribution.get(i), 100.0, 1));
-        }
-        body.push(row);
-    }
-    // What no run has measured is left out.
-    body.retain(|row| row[1..].iter().any(|cell| !cell.is_empty() && cell != "-"));
-    let mut header = vec![String::new()];
-    for lambda in &analysis.lambdas {
-        header.push(format!("\u{3bb} = {}, {}", lambda.lambda, counted(lambda.n_complete, "run")));
-        if lambda.n_complete > 1 {
-            header.push("lowest to highest".to_owned());
-        }
-    }
-    let several = analysis.lambdas.iter().any(|lambda| lambda.n_complete > 1);
-    html! {
-        (table(&header, &body))
-        @if several {
-            p.soft { "Interquartile mean over the complete runs, with its 95 % bootstrap interval in brackets." }
-        }
-    }
-}
-
-/// Returns the cells of a lambda in a row: the estimate, and, of several runs, their range.
-fn cells(lambda: &LambdaRecord, found: Option<&Estimate>, factor: f64, digits: usize) -> Vec<String> {
-    let range =
-        found.map_or_else(String::new, |e| format!("{:.digits$} to {:.digits$}", factor * e.min, factor * e.max));
-    let mut cells = vec![estimate(found, factor, digits)];
-    cells.extend((lambda.n_complete > 1).then_some(range));
-    cells
-}
-
-fn differences_table(analysis: &Analysis) -> Markup {
-    if analysis.differences.is_empty() {
-        return html! {};
-    }
-    let header = words(&[
-        "difference",
-        "from \u{3bb}",
-        "to \u{3bb}",
-        "by",
-        "95 % interval",
-        "excludes zero",
-        "p",
-        "least p",
-        "supported",
-    ]);
-    let row = |record: &DifferenceRecord| {
-        let (name, factor, digits) = quantity(record.quantity, analysis.components);
-        let number = |value: f64| format!("{:+.digits$}", factor * value);
-        let interval = record.contrast.interval;
-        let excludes = record.contrast.excludes_zero().map(|excludes| if excludes { "yes" } else { "no" });
-        vec![
-            name,
-            record.baseline.to_string(),
-            record.lambda.to_string(),
-            number(record.contrast.difference),
-            interval.map_or_else(|| "-".to_owned(), |[low, high]| format!("{} to {}", number(low), number(high))),
-            excludes.unwrap_or("-").to_owned(),
-            probability(record.contrast.permutation.p),
-            probability(record.contrast.permutation.least_p),
-            supported(record.verdict).to_owned(),
-        ]
-    };
-    let sampled = analysis.differences.iter().any(|record| !record.contrast.permutation.exact);
-    html! {
-        (table(&header, &analysis.differences.iter().map(row).collect::<Vec<_>>()))
-        p.soft {
-            "p: two-sided permutation test of the difference of means. Least p: the smallest that this number of runs can "
-            "give. A difference is supported if its interval excludes zero and p is below " (SIGNIFICANT) "."
-            @if sampled { " p comes from " (MOST_RELABELLINGS) " random relabellings where there are more than these." }
-        }
-    }
-}
-
-pub(crate) fn supported(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Greater => "yes, greater",
-        Verdict::Smaller => "yes, smaller",
-        Verdict::Disagree => "no: interval and test disagree",
-        Verdict::TooFewForTest | Verdict::NoInterval => "no: too few runs",
-        Verdict::Open => "no",
-    }
-}
-
 fn objects_table(analysis: &Analysis) -> Markup {
     let rows: Vec<Vec<String>> = analysis
         .objects()
@@ -242,7 +128,7 @@ fn objects_table(analysis: &Analysis) -> Markup {
     }
     let mut header = words(&["object"]);
     header.extend(analysis.lambdas.iter().map(|lambda| format!("success (%), \u{3bb} = {}", lambda.lambda)));
-    html! { (heading("Success for each object")) (table(&header, &rows)) }
+    html! { (heading("Success for each object")) (table("Success in the final evaluation", &header, &rows)) }
 }
 
 fn levels_table(analysis: &Analysis) -> Markup {
@@ -261,19 +147,27 @@ fn levels_table(analysis: &Analysis) -> Markup {
     if rows.is_empty() {
         return html! {};
     }
+    let several = analysis.runs.len() > 1;
+    let times = if several { ["median episodes", "median wall time (min)"] } else { ["episodes", "wall time (min)"] };
     html! {
         (heading("How soon"))
-        (table(&words(&["", "success", "runs that reached it", "median episodes", "median wall time (min)"]), &rows))
-        p.soft {
-            "Time of the first evaluation during training that reached this success. A run that never reached it "
-            "counts as later than all others. There is no median if half of the runs or more never reached it."
+        (table(
+            "First evaluation during training that reached a success",
+            &words(&["", "success", "runs that reached it", times[0], times[1]]),
+            &rows,
+        ))
+        @if several {
+            p.soft {
+                "A run that never reached it counts as later than all others. There is no median if half of the runs or more "
+                "never reached it."
+            }
         }
     }
 }
 
 fn runs_table(analysis: &Analysis) -> Markup {
     let mut header = words(&["run", "\u{3bb}", "seed", "state", "success (%)", "95 % interval (%)"]);
-    header.push(configured(analysis.components));
+    header.push(lambdas::configured(analysis.components));
     header.push("numbers within 5 points".to_owned());
     header.extend(words(&["sum of contribution (%)", "mean error (rad)", "postures", "episodes", "wall time (min)"]));
     header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
@@ -299,70 +193,9 @@ fn runs_table(analysis: &Analysis) -> Markup {
     };
     let rows: Vec<Vec<String>> = analysis.runs.iter().map(row).collect();
     html! {
-        (table(&header, &rows))
+        (table("Every run", &header, &rows))
         p.soft { "95 % interval: the interval of Wilson (1927) for a share, over the episodes of the final evaluation." }
     }
-}
-
-fn settings(runs: &[Run]) -> Markup {
-    let differing = differing_settings(runs);
-    let common: Vec<(&String, &String)> = runs.first().map_or_else(Vec::new, |run| {
-        let of_all =
-            |key: &String| !differing.contains_key(key) && !["lambda", "seed", "workers"].contains(&key.as_str());
-        run.settings.iter().filter(|(key, _)| of_all(key)).collect()
-    });
-    let header: Vec<String> =
-        std::iter::once("setting".to_owned()).chain(runs.iter().map(|run| run.name.clone())).collect();
-    let rows: Vec<Vec<String>> =
-        differing.into_iter().map(|(key, values)| std::iter::once(key).chain(values).collect()).collect();
-    html! {
-        @if !rows.is_empty() {
-            p { "The runs differ in these settings:" }
-            (table(&header, &rows))
-        }
-        (provenance(runs))
-        details {
-            summary { (common.len()) " settings that all runs share" }
-            (common_table(&common.into_iter().map(|(k, v)| (k.clone(), v.clone())).collect()))
-        }
-    }
-}
-
-pub(crate) fn common_table(settings: &Settings) -> Markup {
-    html! {
-        div.scroll {
-            table {
-                tbody {
-                    @for (key, value) in settings {
-                        tr { th scope="row" { code { (key) } } td.word { code { (value) } } }
-                    }
-                }
-            }
-        }
-    }
-}
-
-/// One row for all runs with the same versions, machine and hand.
-pub(crate) fn provenance(runs: &[Run]) -> Markup {
-    let header = words(&["runs", "program", "revision", "MuJoCo", "platform", "processors", "hand's digest"]);
-    let start = |text: &str| text.chars().take(12).collect::<String>();
-    let mut rows: Vec<Vec<String>> = Vec::new();
-    for run in runs {
-        let made = &run.provenance;
-        let with = vec![
-            made.eigenhand_version.clone(),
-            format!("{}{}", start(&made.git_revision), if made.git_revision.ends_with('+') { "+" } else { "" }),
-            made.mujoco_version.clone(),
-            made.platform.clone(),
-            made.processors.to_string(),
-            start(&made.hand_digest),
-        ];
-        match rows.iter_mut().find(|row| row[1..] == with[..]) {
-            Some(row) => row[0].push_str(&format!(", {}", run.name)),
-            None => rows.push(std::iter::once(run.name.clone()).chain(with).collect()),
-        }
-    }
-    table(&header, &rows)
 }
 
 fn method() -> Markup {
@@ -405,9 +238,7 @@ mod tests {
         let one = page(&[complete(1.0, 1, 0.9, &[0.1, 0.9], Some(1))]);
         assert!(one.contains("<h1>Training of the hand claw, lambda 1</h1>"));
         assert!(
-            !one.contains("lowest to highest")
-                && !one.contains("Interquartile mean over")
-                && !one.contains("Median over")
+            !one.contains("lowest to highest") && !one.contains("Interquartile mean over") && !one.contains("edian")
         );
         let two = page(&[complete(0.0, 1, 0.9, &[0.1, 0.9], Some(1)), complete(0.0, 2, 0.8, &[0.1, 0.7], None)]);
         assert!(two.contains("<h1>2 trainings of the hand claw, lambda 0</h1>") && two.contains("lowest to highest"));
@@ -434,9 +265,13 @@ mod tests {
     fn the_best_run_is_shown() {
         let drawn = |seed, success, byte| Run {
             picture: Some(vec![byte]),
+            explorer: (byte == 1).then(|| b"page".to_vec()),
             ..complete(1.0, seed, success, &[0.1, 0.9], Some(1))
         };
         let page = page(&[drawn(1, 0.7, 1), drawn(2, 0.9, 2), drawn(3, 0.9, 3)]);
+        assert!(!page.contains("href=\"explore.html\""), "the best run has no explorer");
+        let explored = self::page(&[drawn(1, 0.95, 1), drawn(2, 0.9, 2)]);
+        assert!(explored.contains("href=\"explore.html\""), "the best run has one");
         assert!(page.contains("data:image/png;base64,Ag==") && page.contains("The run l1-s2"), "the first of the best");
         assert!(!page.contains("base64,AQ==") && !page.contains("base64,Aw=="));
     }

@@ -11,6 +11,8 @@ use eigenhand_train::{
 
 use crate::ReportError;
 
+/// The page in which the numbers of a run are moved, as `explore` names it.
+pub(crate) const EXPLORER: &str = "explore.html";
 /// A small picture of a run's grasps, as `render` names it.
 const PICTURE: &str = "overview.png";
 
@@ -53,6 +55,8 @@ pub struct Run {
     pub end_variance: Vec<f64>,
     /// A picture of its grasps as PNG; none if it was not drawn.
     pub picture: Option<Vec<u8>>,
+    /// The page that `explore` made of it; none if it was not made.
+    pub explorer: Option<Vec<u8>>,
     /// Approximation error of every posture that its synergy covers, ascending; empty if an earlier version stored them.
     pub errors: Vec<f64>,
 }
@@ -106,6 +110,7 @@ impl Run {
             control_error,
             end_variance: variance,
             picture: std::fs::read(path.join(PICTURES).join(PICTURE)).ok(),
+            explorer: std::fs::read(path.join(EXPLORER)).ok(),
             errors,
         })
     }

@@ -187,8 +187,21 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
             .then(|| format!("{missing} of {} are not complete: their results are missing.", counted(all, "run")))
             .into_iter()
             .chain(lengths)
+            .chain(distances(&study.runs))
             .collect(),
     }
+}
+
+/// (runs) => a note if they were not evaluated equally often
+fn distances(runs: &[Run]) -> Option<String> {
+    let mut every: Vec<u64> =
+        runs.iter().filter_map(|run| run.settings.get("evaluation.every")?.parse().ok()).collect();
+    every.sort_unstable();
+    let (least, most) = every.first().zip(every.last()).filter(|(least, most)| least < most)?;
+    Some(format!(
+        "Some runs were evaluated every {least} episodes, others every {most}: when a run first reached a success is known to so \
+         many episodes."
+    ))
 }
 
 /// Draws success along training, with a curve for each variant.
@@ -267,7 +280,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
             (notes(&analysis.notes))
             (heading("Results"))
             @for figure in figures { (drawing(figure)) }
-            (html_table(&header, &rows))
+            (html_table("What each policy reaches", &header, &rows))
             p.soft {
                 "Interquartile mean over the complete runs, with its 95 % bootstrap interval in brackets. Episodes to a "
                 "success: median of the first evaluation during training that reached it; if half of the runs or more "
@@ -275,6 +288,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
             }
             (heading(&format!("Compared with \u{201c}{first}\u{201d}")))
             (html_table(
+                "Differences in success",
                 &words(&["the policy commands", "success with", "points", "95 % interval", "p", "least p", "supported"]),
                 &differences,
             ))
@@ -330,6 +344,12 @@ mod tests {
         }
         assert_eq!(analysis.notes, ["2 of 10 runs are not complete: their results are missing."]);
         assert_eq!(analysis.runs.iter().filter(|run| run.variant == "few").count(), 4);
+        let mut unlike = study();
+        for (i, run) in unlike.runs.iter_mut().enumerate() {
+            run.settings.insert("evaluation.every".to_owned(), if i == 0 { "200" } else { "100" }.to_owned());
+        }
+        let notes = analyse(&unlike).notes;
+        assert!(notes.iter().any(|note| note.contains("every 100 episodes, others every 200")), "{notes:?}");
     }
 
     #[test]

@@ -9,14 +9,14 @@ use serde::Serialize;
 use crate::analysis::analyse;
 use crate::figures::{self, Figure, render_png};
 use crate::records::Analysis;
-use crate::run::Run;
+use crate::run::{EXPLORER, Run, best};
 use crate::study::{self, Study, StudyAnalysis};
 use crate::{ReportError, page, tables};
 
 /// Name of the page.
 pub const PAGE: &str = "index.html";
 /// Name of the file with all results on the page.
-const JSON: &str = "report.json";
+pub(crate) const JSON: &str = "report.json";
 /// Directory of the figures; it holds no other files.
 const FIGURES: &str = "figures";
 /// Extensions of a figure's files.
@@ -53,7 +53,8 @@ pub fn write(runs: &[Run], out: &Path) -> Result<Report, ReportError> {
     let analysis = analyse(runs);
     let figures = figures::all(runs, &analysis)?;
     let page = page::render(runs, &analysis, &figures);
-    let tables = vec![(tables::RUNS, tables::runs(&analysis)?), (tables::LAMBDAS, tables::lambdas(&analysis)?)];
+    let mut tables = vec![(tables::RUNS, tables::runs(&analysis)?), (tables::LAMBDAS, tables::lambdas(&analysis)?)];
+    tables.extend(best(runs).and_then(|run| Some((EXPLORER, run.explorer.clone()?))));
     write_files(out, page, &analysis, tables, &figures)?;
     Ok(Report { directory: out.to_owned(), page: out.join(PAGE), analysis })
 }

@@ -16,16 +16,16 @@ const EPSILON: f64 = 1e-8;
 /// # Source
 /// Kingma and Ba 2015, algorithm 1, with its constants.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Adam {
+pub struct Adam {
     learning_rate: f32,
-    pub first_moment: Aligned,
-    pub second_moment: Aligned,
-    pub n_steps: u64,
+    pub(crate) first_moment: Aligned,
+    pub(crate) second_moment: Aligned,
+    pub(crate) n_steps: u64,
 }
 
 /// A target network that follows the parameters during a step.
 #[derive(Debug)]
-pub(crate) struct Follow<'a> {
+pub struct Follow<'a> {
     /// Parameters of the target.
     pub target: &'a mut [f32],
     /// Share of the way that the target moves towards the new parameters.

@@ -8,6 +8,12 @@ use crate::{NormalizerConfig, RlError};
 /// Number of actions of the hand for which OpenAI baselines chose the factor on their mean square.
 pub const ACTION_L2_DIMENSIONS: f32 = 20.0;
 
+/// Most hidden layers, most units of one, and most transitions of a minibatch. Beyond these, a network or a batch takes memory
+/// that no task here needs.
+const MOST_LAYERS: usize = 8;
+const WIDEST: usize = 4096;
+const LARGEST_BATCH: usize = 65_536;
+
 /// Constants of [`Ddpg`](crate::Ddpg).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -59,8 +65,8 @@ impl DdpgConfig {
             check(field, x.is_finite() && x >= least && x < below, expected, x.to_string())
         };
         let count = |field, n: u64| check(field, n > 0, "at least 1", n.to_string());
-        let widths = self.hidden.iter().all(|&n| n > 0);
-        check("hidden", widths, "widths of at least 1", format!("{:?}", self.hidden))?;
+        let widths = self.hidden.len() <= MOST_LAYERS && self.hidden.iter().all(|n| (1..=WIDEST).contains(n));
+        check("hidden", widths, "at most 8 widths from 1 to 4096", format!("{:?}", self.hidden))?;
         number("actor_lr", self.actor_lr, 0.0, f32::INFINITY, "a number of at least 0")?;
         number("critic_lr", self.critic_lr, 0.0, f32::INFINITY, "a number of at least 0")?;
         number("gamma", self.gamma, 0.0, 1.0, "a number from 0 to below 1")?;
@@ -68,7 +74,8 @@ impl DdpgConfig {
         number("action_l2", self.action_l2, 0.0, f32::INFINITY, "a number of at least 0")?;
         count("target_update_every", self.target_update_every)?;
         count("average_updates", self.average_updates)?;
-        count("batch_size", self.batch_size as u64)?;
+        let size = (1..=LARGEST_BATCH).contains(&self.batch_size);
+        check("batch_size", size, "a whole number from 1 to 65536", self.batch_size.to_string())?;
         self.normalizer.validate()
     }
 

@@ -197,6 +197,16 @@ impl Ddpg {
         Ok(Self { observation, goal, ..Self::new(self.config.clone(), dimensions, rng)? })
     }
 
+    /// Returns the learner as at its start but for its networks and the statistics of its inputs: for the same networks in
+    /// another task.
+    pub fn with_fresh_optimisers(mut self) -> Self {
+        let fresh = |learned: &Learned, rate| Adam::new(rate, learned.online.parameters().len());
+        self.actor.adam = fresh(&self.actor, self.config.actor_lr);
+        self.critic.adam = fresh(&self.critic, self.config.critic_lr);
+        self.n_updates = 0;
+        self
+    }
+
     /// Adds rows to the statistics of the inputs.
     ///
     /// # Shapes

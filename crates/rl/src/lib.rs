@@ -37,6 +37,7 @@ mod sparse;
 mod tensors;
 
 pub use action_map::ActionMap;
+pub use adam::{Adam, Follow};
 pub use config::{ACTION_L2_DIMENSIONS, DdpgConfig};
 pub use ddpg::{Ddpg, Dimensions, UpdateStats};
 pub use episode::{EpisodeData, EpisodeShape};

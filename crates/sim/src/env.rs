@@ -142,7 +142,7 @@ impl GraspEnv {
             resting.step();
         }
         if resting.warnings().bad_state > 0 {
-            return Err(SimError::Diverged { step: 0 });
+            return Err(SimError::Diverged { step: 0, joint: resting.bad_joint() });
         }
 
         let mut rest: Vec<f64> = resting.qpos().to_vec();
@@ -181,7 +181,7 @@ impl GraspEnv {
                 data.step();
             }
             if data.warnings().bad_state > 0 {
-                return Err(SimError::Diverged { step: 0 });
+                return Err(SimError::Diverged { step: 0, joint: data.bad_joint() });
             }
             qpos.copy_from_slice(data.qpos());
         }
@@ -263,7 +263,7 @@ impl GraspEnv {
         }
         self.step += 1;
         if data.warnings().bad_state > 0 || data.qpos().iter().any(|q| !q.is_finite()) {
-            return Err(SimError::Diverged { step: self.step });
+            return Err(SimError::Diverged { step: self.step, joint: data.bad_joint() });
         }
         self.facts = read_facts(data, &self.task.scenes[self.current].addresses);
         Ok(self.facts)

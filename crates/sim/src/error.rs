@@ -57,9 +57,11 @@ pub enum SimError {
         reason: String,
     },
     /// The simulation produced values that are not finite or too large.
-    #[error("the simulation diverged at step {step} of the episode")]
+    #[error("the simulation diverged at step {step} of the episode{}", joint.as_ref().map(|name| format!(", at the joint {name}")).unwrap_or_default())]
     Diverged {
         /// Control step.
         step: usize,
+        /// The joint whose state was not finite or too large, if MuJoCo names it.
+        joint: Option<String>,
     },
 }

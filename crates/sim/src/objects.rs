@@ -3,6 +3,8 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use eigenhand_files::read_regular;
+use eigenhand_hands::LARGEST_FILE;
 use include_dir::{Dir, include_dir};
 
 use crate::SimError;
@@ -128,8 +130,9 @@ impl Object {
             return Object::of(&path, place.unwrap_or_default().iter().position(|name| *name == object), read);
         }
         let path = Path::new(word);
-        let read =
-            |path: &Path| std::fs::read(path).map_err(|source| SimError::ReadAsset { path: path.to_owned(), source });
+        let read = |path: &Path| {
+            read_regular(path, LARGEST_FILE).map_err(|source| SimError::ReadAsset { path: path.to_owned(), source })
+        };
         let beside = path.parent().map(files_in).transpose()?.unwrap_or_default();
         Object::of(path, beside.iter().position(|file| file == path), read)
     }

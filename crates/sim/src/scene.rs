@@ -5,9 +5,10 @@
 
 use std::path::Path;
 
-use eigenhand_hands::Hand;
+use eigenhand_files::read_regular;
 use eigenhand_hands::xml::{append, attribute, element, elements, elements_mut, numbers, print, set};
 use eigenhand_hands::xmltree::{Element, XMLNode};
+use eigenhand_hands::{Hand, LARGEST_FILE};
 
 use crate::SimError;
 use crate::objects::{Object, Shape};
@@ -395,7 +396,7 @@ fn collect_files(section: &mut Element, hand: &Hand, assets: &mut Vec<(String, V
             Some((_, bytes)) => bytes.clone(),
             None => {
                 let path = hand.compiler.asset_path(&item.name, &file, &hand.model_directory);
-                std::fs::read(&path).map_err(|source| SimError::ReadAsset { path, source })?
+                read_regular(&path, LARGEST_FILE).map_err(|source| SimError::ReadAsset { path, source })?
             }
         };
         let (stem, extension) = (Path::new(&file).file_stem(), Path::new(&file).extension());

@@ -1,26 +1,40 @@
 //! Replaces a directory as a whole.
 
+use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use crate::SynergyError;
 
+/// What becomes of a directory that holds files of others.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) enum Others {
+    /// It is an error.
+    Refuse,
+    /// They stay.
+    Keep,
+}
+
 /// Replaces the directory `dir` with one that holds `files`; `may_go` tells whether an old entry of that name may be
 /// removed.
 ///
 /// # Errors
-/// A directory at `dir` with any other entry, or a failure of the file system. After an error, `dir` is unchanged.
+/// A directory at `dir` with any other entry, unless these are to be kept, or a failure of the file system. After an error,
+/// `dir` is unchanged.
 pub(crate) fn replace_directory(
     dir: &Path,
     files: &[(&str, Vec<u8>)],
     may_go: fn(&str) -> bool,
+    others: Others,
 ) -> Result<(), SynergyError> {
     // A symbolic link stays; the directory that it points to is replaced.
     let target = fs::canonicalize(dir).unwrap_or_else(|_| dir.to_owned());
     let exists = fs::symlink_metadata(&target).is_ok();
-    if exists {
-        check_replaceable(&target, may_go)?;
+    let kept = if exists { others_in(&target, may_go)? } else { Vec::new() };
+    if let Some(found) = kept.first().filter(|_| others == Others::Refuse) {
+        let found = found.to_string_lossy().into_owned();
+        return Err(SynergyError::NotAnExport { path: target, found });
     }
     let parent = match target.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
@@ -44,20 +58,30 @@ pub(crate) fn replace_directory(
             }
             return Err(SynergyError::io("replace", &target)(error));
         }
+        for name in kept {
+            let (from, to) = (aside.join(&name), target.join(&name));
+            if let Err(error) = fs::rename(&from, to) {
+                // Keeps what is left there: it is of others.
+                std::mem::forget(old);
+                return Err(SynergyError::io("move back", from)(error));
+            }
+        }
     } else {
         fs::rename(&fresh.path, &target).map_err(SynergyError::io("rename into place", &target))?;
     }
     sync_directory(parent)
 }
 
-fn check_replaceable(dir: &Path, may_go: fn(&str) -> bool) -> Result<(), SynergyError> {
+/// Lists the entries that may not go.
+fn others_in(dir: &Path, may_go: fn(&str) -> bool) -> Result<Vec<OsString>, SynergyError> {
+    let mut found = Vec::new();
     for entry in fs::read_dir(dir).map_err(SynergyError::io("list", dir))? {
         let name = entry.map_err(SynergyError::io("list", dir))?.file_name();
         if !name.to_str().is_some_and(may_go) {
-            return Err(SynergyError::NotAnExport { path: dir.to_owned(), found: name.to_string_lossy().into_owned() });
+            found.push(name);
         }
     }
-    Ok(())
+    Ok(found)
 }
 
 fn write_synced(path: &Path, bytes: &[u8]) -> Result<(), SynergyError> {

@@ -8,8 +8,9 @@
 //! gets the suffix `#2`, `#3` and so on. Tables `joint` and `actuator` list joints and actuators in order, with their
 //! column (`column_name`), unit and limits.
 
+use std::fs::File;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use rusqlite::types::Value;
 use rusqlite::{Connection, ErrorCode, OpenFlags, Row, TransactionBehavior, params_from_iter};
@@ -18,10 +19,13 @@ use crate::SynergyError;
 use crate::joint::{check_coordinates, check_joints, check_posture, check_same_joints};
 use crate::{JointInfo, Unit};
 
+mod check;
 mod columns;
+mod connection;
 mod motion;
 mod record;
 use columns::{RECORD_COLUMNS, column_names, quoted};
+use connection::{cannot_write, connect, connect_immutable, log_of};
 pub use motion::MotionRecord;
 pub use record::{PostureRecord, Source};
 use record::{from_row, to_values};
@@ -31,9 +35,6 @@ const APPLICATION_ID: i32 = 0x4547_4e48;
 
 /// The version of the tables (`PRAGMA user_version`).
 const SCHEMA_VERSION: i32 = 2;
-
-/// How long a statement waits for another process that locks the file.
-const BUSY_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// The database of successful postures.
 #[derive(Debug)]
@@ -64,6 +65,8 @@ impl PostureDatabase {
                 create(&mut connection, joints, actuators)?;
             }
             let database = Self::read(path, connection)?;
+            // A database that is complete has left this mode.
+            database.connection.pragma_update(None, "journal_mode", "WAL")?;
             check_same_joints(joints, &database.joints)?;
             check_same_joints(actuators, &database.actuators)?;
             Ok(database)
@@ -71,7 +74,7 @@ impl PostureDatabase {
         inner().map_err(|error: SynergyError| recognise(error).in_file(path))
     }
 
-    /// Opens the database at `path`, which must exist.
+    /// Opens the database at `path`, which must exist. It can also be read where nothing may be written.
     ///
     /// # Errors
     /// No file, a file of another kind or version, or a damaged one.
@@ -79,11 +82,17 @@ impl PostureDatabase {
         let path = path.as_ref();
         let inner = || {
             std::fs::metadata(path).map_err(SynergyError::io("open", path))?;
-            let connection = connect(OpenFlags::SQLITE_OPEN_READ_WRITE, path)?;
-            if is_blank(&connection)? {
-                return Err(SynergyError::NotADatabase { reason: "the file is empty".to_owned() });
+            let open = |connection: Connection| {
+                if is_blank(&connection)? {
+                    return Err(SynergyError::NotADatabase { reason: "the file is empty".to_owned() });
+                }
+                Self::read(path, connection)
+            };
+            match connect(OpenFlags::SQLITE_OPEN_READ_WRITE, path).and_then(open) {
+                // SQLite needs files beside one in WAL mode, unless it is told that nothing changes it.
+                Err(error) if cannot_write(&error) && !log_of(path).exists() => open(connect_immutable(path)?),
+                outcome => outcome,
             }
-            Self::read(path, connection)
         };
         inner().map_err(|error| match error {
             SynergyError::Io { .. } => error,
@@ -114,6 +123,33 @@ impl PostureDatabase {
     /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Waits until the disk has everything that was appended or removed so far. Without it, the last records can be missing
+    /// after a power cut; the database is sound in any case.
+    ///
+    /// # Errors
+    /// [`SynergyError::Io`].
+    pub fn sync(&self) -> Result<(), SynergyError> {
+        // What the log does not hold, SQLite has synchronised with the database file before it dropped it from the log. The
+        // database file is not opened here, because closing it would drop SQLite's locks.
+        let log = log_of(&self.path);
+        match File::open(&log).and_then(|file| file.sync_all()) {
+            Err(error) if error.kind() != ErrorKind::NotFound => Err(SynergyError::io("write", &log)(error)),
+            _ => Ok(()),
+        }
+    }
+
+    /// Leaves WAL mode, so that the database is one file, which can be read where nothing may be written. While another program
+    /// has it open, it stays in this mode.
+    ///
+    /// # Errors
+    /// A failure of SQLite.
+    pub fn finish(&self) -> Result<(), SynergyError> {
+        self.run(|connection| match connection.pragma_update(None, "journal_mode", "DELETE") {
+            Err(error) if error.sqlite_error_code() == Some(ErrorCode::DatabaseBusy) => Ok(()),
+            outcome => Ok(outcome?),
+        })
     }
 
     /// Appends either all of `records` or none.
@@ -233,12 +269,6 @@ impl PostureDatabase {
     fn run<T>(&self, query: impl FnOnce(&Connection) -> Result<T, SynergyError>) -> Result<T, SynergyError> {
         query(&self.connection).map_err(|error| recognise(error).in_file(&self.path))
     }
-}
-
-fn connect(flags: OpenFlags, path: &Path) -> Result<Connection, SynergyError> {
-    let connection = Connection::open_with_flags(path, flags | OpenFlags::SQLITE_OPEN_NO_MUTEX)?;
-    connection.busy_timeout(BUSY_TIMEOUT)?;
-    Ok(connection)
 }
 
 /// Tells whether the file has no table and no mark yet.

@@ -114,12 +114,15 @@ pub enum SynergyError {
         source: std::io::Error,
     },
     /// A text that is not TOML, or whose fields are missing or of the wrong type.
+    #[cfg(feature = "files")]
     #[error("not a synergy file: {0}")]
     Toml(#[from] toml::de::Error),
     /// A text that is not TOML, or whose fields are not those of `motors.toml`.
+    #[cfg(feature = "files")]
     #[error("not a file of motors: {0}")]
     MotorsToml(toml::de::Error),
     /// A value that TOML cannot hold.
+    #[cfg(feature = "files")]
     #[error("cannot be written as TOML: {0}")]
     TomlWrite(#[from] toml::ser::Error),
     /// A file of another version.

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
+use crate::atomic::{self, Others};
 use crate::joint::check_posture;
-use crate::{Space, Synergy, SynergyError, SynergyFile, atomic, npy};
+use crate::{Space, Synergy, SynergyError, SynergyFile, npy};
 
 const TOML: &str = "synergy.toml";
 const POSTURES: &str = "postures.npy";
@@ -47,7 +48,22 @@ pub struct Import {
 /// A number or a length of postures that does not fit the space, an error of [`SynergyFile::to_toml`], a directory at
 /// `dir` that holds other files than an export, or a failure to write.
 pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, samples: &[P]) -> Result<(), SynergyError> {
-    let dir = dir.as_ref();
+    write(dir.as_ref(), file, samples, Others::Refuse)
+}
+
+/// Like [`export`], but other files in `dir` stay there, as for the directory of a run's synergy.
+///
+/// # Errors
+/// As [`export`].
+pub fn export_beside_others<P: AsRef<[f64]>>(
+    dir: impl AsRef<Path>,
+    file: &SynergyFile,
+    samples: &[P],
+) -> Result<(), SynergyError> {
+    write(dir.as_ref(), file, samples, Others::Keep)
+}
+
+fn write<P: AsRef<[f64]>>(dir: &Path, file: &SynergyFile, samples: &[P], others: Others) -> Result<(), SynergyError> {
     let synergy = &file.synergy;
     let n_joints = synergy.n_joints();
     check_count(samples.len(), synergy)?;
@@ -65,7 +81,7 @@ pub fn export<P: AsRef<[f64]>>(dir: impl AsRef<Path>, file: &SynergyFile, sample
     let mut values = samples.iter().flat_map(|sample| sample.as_ref().iter().copied());
     let name = samples_file(file.space);
     files.push((name, encode(name, &[samples.len(), n_joints], &mut values)?));
-    atomic::replace_directory(dir, &files, is_export_file)
+    atomic::replace_directory(dir, &files, is_export_file, others)
 }
 
 /// Reads a directory that [`export`] wrote.

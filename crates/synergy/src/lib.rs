@@ -1,7 +1,9 @@
 //! Postural synergies: the principal component analysis of postures or of commands, the comparison of two such spaces, what a set of postures holds, and the exported files for a controller.
 //!
 //! A posture is a row of numbers, one for each named joint. The crate knows nothing of learning, simulation or any
-//! particular hand. The feature `database` (on by default) adds [`PostureDatabase`], which keeps postures in SQLite.
+//! particular hand. Two features are on by default: `files` adds the exported files ([`export`], [`import`], [`SynergyFile`],
+//! [`MotorMap`]), `database` adds [`PostureDatabase`], which keeps postures in SQLite. Without both, the crate needs neither TOML
+//! nor SQLite.
 //!
 //! ```
 //! use eigenhand_synergy::{JointInfo, Synergy, Unit};
@@ -23,8 +25,10 @@
 //! ```
 
 #![forbid(unsafe_code)]
+#![cfg_attr(not(feature = "files"), expect(dead_code, reason = "checks of what is read from files"))]
 
 mod actuation;
+#[cfg(feature = "files")]
 mod atomic;
 mod common;
 mod compare;
@@ -32,11 +36,15 @@ mod content;
 #[cfg(feature = "database")]
 mod database;
 mod error;
+#[cfg(feature = "files")]
 mod export;
+#[cfg(feature = "files")]
 mod file;
 mod joint;
 mod joint_map;
+#[cfg(feature = "files")]
 mod motors;
+#[cfg(feature = "files")]
 mod npy;
 mod pca;
 mod projector;
@@ -48,8 +56,11 @@ pub use content::Content;
 pub use database::{MotionRecord, PostureDatabase, PostureRecord, Source};
 pub use eigenhand_posture::{ActuationMap, JointInfo, Unit};
 pub use error::SynergyError;
-pub use export::{Import, export, import, read_matrix};
+#[cfg(feature = "files")]
+pub use export::{Import, export, export_beside_others, import, read_matrix};
+#[cfg(feature = "files")]
 pub use file::{Moment, NamedGrasp, Recommended, SCHEMA, Space, SynergyFile};
 pub use joint_map::JointMap;
+#[cfg(feature = "files")]
 pub use motors::{Motor, MotorMap};
 pub use pca::{Synergy, newest};

@@ -27,6 +27,11 @@ pub enum ActionSpace {
 /// Copy of the synergy in the run directory, so that the run can be resumed without the original.
 const COPY: &str = "action-space.toml";
 
+/// Returns the path of that copy.
+pub(crate) fn kept_in(run: &Path) -> PathBuf {
+    run.join(COPY)
+}
+
 /// What the outputs of a policy that acts in a synergy mean: K numbers in [-1, 1] that span the range of the synergy's
 /// samples, the slide, and perhaps a rest outside the synergy, see [`HandActuators::act_in`].
 #[derive(Clone, Debug)]
@@ -144,7 +149,7 @@ impl SynergySpace {
     ) -> Result<Option<SynergySpace>, TrainError> {
         match config.action_space {
             ActionSpace::Joints => Ok(None),
-            ActionSpace::Synergy => Self::read(&run.join(COPY), config, hand, task).map(Some),
+            ActionSpace::Synergy => Self::read(&kept_in(run), config, hand, task).map(Some),
         }
     }
 
@@ -153,7 +158,7 @@ impl SynergySpace {
     /// # Errors
     /// [`TrainError::Synergy`], [`TrainError::File`].
     pub fn keep(&self, run: &Path) -> Result<(), TrainError> {
-        Ok(write_atomically(&run.join(COPY), self.file.to_toml()?.as_bytes())?)
+        Ok(write_atomically(&kept_in(run), self.file.to_toml()?.as_bytes())?)
     }
 
     fn read(path: &Path, config: &RunConfig, hand: &Hand, task: &GraspTask) -> Result<SynergySpace, TrainError> {

@@ -11,6 +11,7 @@ use crate::config::RunConfig;
 use crate::provenance::Provenance;
 use crate::rollout::episode_shape;
 use crate::run_dir::RunDirectory;
+use crate::start::Start;
 
 /// Everything that a run is trained with.
 pub struct Assignment {
@@ -26,20 +27,20 @@ pub struct Assignment {
     pub other_task: Option<Arc<GraspTask>>,
     /// The synergy in which its policy acts; none if the policy commands every actuator.
     pub space: Option<SynergySpace>,
+    /// What it starts with; none if its networks are fresh.
+    pub start: Option<Start>,
     /// Its directory.
     pub run: RunDirectory,
 }
 
-impl Assignment {
-    /// (outputs of a policy that acts in a synergy; none if it commands every actuator) => the sizes of the learner
-    pub(crate) fn dimensions(&self, outputs: Option<&Outputs>) -> Dimensions {
-        let dimensions = Dimensions::of(episode_shape(&self.task));
-        match outputs {
-            None => dimensions,
-            Some(Outputs { numbers, dimensions: outputs }) => {
-                let told_numbers = numbers.iter().any(|numbers| numbers.fewer.is_some());
-                Dimensions { n_outputs: outputs.len(), told_numbers, ..dimensions }
-            }
+/// (task, outputs of a policy that acts in a synergy; none if it commands every actuator) => the sizes of the learner
+pub(crate) fn dimensions(task: &GraspTask, outputs: Option<&Outputs>) -> Dimensions {
+    let dimensions = Dimensions::of(episode_shape(task));
+    match outputs {
+        None => dimensions,
+        Some(Outputs { numbers, dimensions: outputs }) => {
+            let told_numbers = numbers.iter().any(|numbers| numbers.fewer.is_some());
+            Dimensions { n_outputs: outputs.len(), told_numbers, ..dimensions }
         }
     }
 }

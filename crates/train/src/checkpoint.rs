@@ -6,16 +6,20 @@
 //! the seed and of the counters in the record.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
-use eigenhand_files::{cannot, create_directory, sha256, write_atomically};
-use eigenhand_rl::{EpisodeData, NormalizerConfig, Policy, TensorMap};
-use serde::{Deserialize, Serialize};
+use eigenhand_files::{cannot, create_directory, sha256, sync_directory, write_atomically};
+use eigenhand_rl::{EpisodeData, NormalizerConfig, TensorMap};
 
 use crate::counters::Counters;
 use crate::error::TrainError;
 use crate::finalists::Finalist;
+
+mod state;
+mod stored_replay;
+use state::{CheckpointRecord, FinalistRecord, State, finalist_file};
+use stored_replay::StoredReplay;
 
 const DIRECTORY: &str = "checkpoints";
 const REPLAY: &str = "replay.bin";
@@ -24,30 +28,9 @@ const RECORD: &str = "state.toml";
 /// Beginning of the record's first line; the SHA-256 of all lines below follows.
 const DIGEST: &str = "digest = ";
 const PREFIX: &str = "episode-";
+/// Beginning of the name of a checkpoint that cannot be used.
+const ASIDE: &str = "damaged-";
 const SCHEMA: u32 = 1;
-
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct CheckpointRecord {
-    schema: u32,
-    counters: Counters,
-    replay_bytes: u64,
-    learner_sha256: String,
-    #[serde(default)]
-    finalists: Vec<FinalistRecord>,
-}
-
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct FinalistRecord {
-    success_rate: f64,
-    episode: u64,
-    sha256: String,
-}
-
-fn finalist_file(episode: u64) -> String {
-    format!("policy-{episode:08}.safetensors")
-}
 
 /// Contents of a checkpoint.
 pub struct Restored {
@@ -82,38 +65,91 @@ impl Checkpoints {
         Ok(Checkpoints { directory, replay, replay_bytes: 0, kept })
     }
 
-    /// Opens the checkpoints of a run and reads the newest checkpoint.
+    /// Opens the checkpoints of a run and reads the newest one that is whole, and with which the run's other data agree.
+    ///
+    /// `agrees` compares counters with these data: an error [`TrainError::Damaged`] says that the checkpoint is ahead of them.
+    /// Checkpoints that cannot be used are set aside, and `notes` say why. If none is whole because the replay file is damaged or
+    /// the rows of `metrics.csv` are missing, the newest goes on without what is lost.
     ///
     /// # Errors
-    /// [`TrainError::NotARun`] when there is no checkpoint, [`TrainError::Damaged`] when a file does not match its
-    /// digest. The messages name the file and the next step. No file is changed before all files have been read.
-    pub fn open(run: &Path, kept: usize, normalizer: &NormalizerConfig) -> Result<(Checkpoints, Restored), TrainError> {
+    /// [`TrainError::NotARun`] when there is no checkpoint, [`TrainError::Damaged`] when none can be used. No file is changed
+    /// before all files have been read.
+    pub fn open(
+        run: &Path,
+        kept: usize,
+        normalizer: &NormalizerConfig,
+        agrees: impl Fn(&Counters) -> Result<Option<Lost>, TrainError>,
+    ) -> Result<Opened, TrainError> {
         let directory = run.join(DIRECTORY);
-        let existing = list(&directory)?;
-        let Some((_, newest)) = existing.last() else {
-            return Err(TrainError::NotARun {
-                path: run.to_owned(),
-                reason: "it holds no checkpoint to resume from; start a new run with another --out".to_owned(),
-            });
-        };
-        let older = existing.len().checked_sub(2).and_then(|i| existing.get(i)).map(|(_, path)| path.as_path());
-        let record = read_record(newest, older)?;
-        let learner = read_tensors(&newest.join(LEARNER), &record.learner_sha256, newest, older)?;
-        let mut finalists = Vec::with_capacity(record.finalists.len());
-        for FinalistRecord { success_rate, episode, sha256 } in record.finalists {
-            let path = newest.join(finalist_file(episode));
-            let tensors = read_tensors(&path, &sha256, newest, older)?;
-            let policy =
-                Policy::import_tensors(&tensors, normalizer).map_err(|error| damaged(&path, error, newest, older))?;
-            finalists.push(Finalist { success_rate, episode, policy });
-        }
+        let candidates = newest_first(run)?;
         let path = directory.join(REPLAY);
-        let mut replay = OpenOptions::new().read(true).write(true).open(&path).map_err(cannot("open", &path))?;
-        let episodes = read_replay(&mut replay, &path, record.replay_bytes)?;
-        replay.set_len(record.replay_bytes).map_err(cannot("truncate", &path))?;
-        replay.seek(SeekFrom::End(0)).map_err(cannot("write", &path))?;
-        let checkpoints = Checkpoints { directory, replay, replay_bytes: record.replay_bytes, kept };
-        Ok((checkpoints, Restored { counters: record.counters, learner, finalists, episodes }))
+        let replay = StoredReplay::read(&path)?;
+        let (mut unusable, mut chosen, mut mended): (Vec<(PathBuf, TrainError)>, Option<Found>, Option<Found>) =
+            (Vec::new(), None, None);
+        for checkpoint in candidates {
+            let contents = State::read(&checkpoint).and_then(|state| {
+                let finalists = state.finalists(normalizer)?;
+                let lost = agrees(&state.record.counters)?;
+                Ok((state, finalists, lost))
+            });
+            let (state, finalists, lost) = match contents {
+                Ok(contents) => contents,
+                Err(error @ TrainError::Damaged { .. }) => {
+                    unusable.push((checkpoint, error));
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let n_episodes = replay.episodes_up_to(state.record.replay_bytes);
+            let fault = replay.fault_before(&path, state.record.replay_bytes).or_else(|| Some(lost?.into_error()));
+            let found = Found { checkpoint, state, finalists, n_episodes };
+            match fault {
+                None => {
+                    chosen = Some(found);
+                    break;
+                }
+                Some(error) => {
+                    unusable.push((found.checkpoint.clone(), error));
+                    mended.get_or_insert(found);
+                }
+            }
+        }
+        let mut notes = Vec::new();
+        let Some(found) = chosen.or(mended) else {
+            let first = unusable.into_iter().next().map(|(_, error)| error);
+            return Err(first.unwrap_or_else(|| no_checkpoint(run)));
+        };
+        // Those that are older than what is found stay as they are.
+        let newer = unusable.iter().take_while(|(checkpoint, _)| checkpoint >= &found.checkpoint);
+        for (checkpoint, error) in newer {
+            let reason = error.to_string().lines().next().unwrap_or_default().to_owned();
+            if *checkpoint == found.checkpoint {
+                notes.push(format!(
+                    "{reason}; the run goes on without what is lost, so it ends otherwise than without the damage"
+                ));
+                continue;
+            }
+            let aside = set_aside(checkpoint)?;
+            notes.push(format!(
+                "{reason}; the checkpoint {} is set aside as {}, and the run goes on from an older one",
+                checkpoint.display(),
+                aside.display()
+            ));
+        }
+        let Found { state: State { record, learner, .. }, finalists, n_episodes, .. } = found;
+        let StoredReplay { mut episodes, ends, .. } = replay;
+        let replay_bytes = n_episodes.checked_sub(1).map_or(0, |last| ends[last]);
+        episodes.truncate(n_episodes);
+        let mut options = OpenOptions::new();
+        let mut file = options.create(true).truncate(false).write(true).open(&path).map_err(cannot("open", &path))?;
+        file.set_len(replay_bytes).map_err(cannot("truncate", &path))?;
+        file.seek(SeekFrom::End(0)).map_err(cannot("write", &path))?;
+        let checkpoints = Checkpoints { directory, replay: file, replay_bytes, kept };
+        Ok(Opened {
+            checkpoints,
+            restored: Restored { counters: record.counters, learner, finalists, episodes },
+            notes,
+        })
     }
 
     /// Appends an episode to the replay file; the next checkpoint includes it.
@@ -159,7 +195,7 @@ impl Checkpoints {
         if partial.exists() {
             fs::remove_dir_all(&partial).map_err(cannot("remove", &partial))?;
         }
-        create_directory(&partial)?;
+        fs::create_dir(&partial).map_err(cannot("create the directory", &partial))?;
         write_atomically(&partial.join(LEARNER), &learner)?;
         for (finalist, bytes) in &policies {
             write_atomically(&partial.join(finalist_file(finalist.episode)), bytes)?;
@@ -172,12 +208,87 @@ impl Checkpoints {
             fs::remove_dir_all(&path).map_err(cannot("replace", &path))?;
         }
         fs::rename(&partial, &path).map_err(cannot("write", &path))?;
+        sync_directory(&self.directory)?;
         let existing = list(&self.directory)?;
         for (_, old) in existing.iter().take(existing.len().saturating_sub(self.kept)) {
             fs::remove_dir_all(old).map_err(cannot("remove", old))?;
         }
         Ok(())
     }
+}
+
+/// The open checkpoints of a run, and what the one holds from which it goes on.
+pub struct Opened {
+    /// The checkpoints.
+    pub checkpoints: Checkpoints,
+    /// What the run goes on with.
+    pub restored: Restored,
+    /// What was damaged, and what became of it.
+    pub notes: Vec<String>,
+}
+
+/// Data that a checkpoint counts, and that a run can go on without.
+pub struct Lost {
+    /// The file in which they should be.
+    pub path: PathBuf,
+    /// What is missing.
+    pub reason: String,
+}
+
+impl Lost {
+    fn into_error(self) -> TrainError {
+        damaged(&self.path, self.reason)
+    }
+}
+
+/// A checkpoint that can be used.
+struct Found {
+    checkpoint: PathBuf,
+    state: State,
+    finalists: Vec<Finalist>,
+    /// Episodes of the replay file that it counts, as far as they can be read.
+    n_episodes: usize,
+}
+
+/// Returns the counters and the state of the learner at the newest checkpoint of a run directory that is whole. It changes no
+/// file.
+///
+/// # Errors
+/// As [`Checkpoints::open`].
+pub fn newest_learner(run: &Path) -> Result<(Counters, TensorMap), TrainError> {
+    let mut first = None;
+    for checkpoint in newest_first(run)? {
+        match State::read(&checkpoint) {
+            Ok(state) => return Ok((state.record.counters, state.learner)),
+            Err(error) => first = first.or(Some(error)),
+        }
+    }
+    Err(first.unwrap_or_else(|| no_checkpoint(run)))
+}
+
+fn no_checkpoint(run: &Path) -> TrainError {
+    TrainError::NotARun {
+        path: run.to_owned(),
+        reason: "it holds no checkpoint to start from; start a new run with another --out".to_owned(),
+    }
+}
+
+/// Renames a checkpoint so that it is none any more, and returns its new path.
+fn set_aside(checkpoint: &Path) -> Result<PathBuf, TrainError> {
+    let mut name = std::ffi::OsString::from(ASIDE);
+    name.push(checkpoint.file_name().unwrap_or_default());
+    let aside = checkpoint.with_file_name(name);
+    if aside.exists() {
+        fs::remove_dir_all(&aside).map_err(cannot("remove", &aside))?;
+    }
+    fs::rename(checkpoint, &aside).map_err(cannot("rename", checkpoint))?;
+    Ok(aside)
+}
+
+/// Lists the checkpoints of a run directory, the newest first.
+fn newest_first(run: &Path) -> Result<Vec<PathBuf>, TrainError> {
+    let found: Vec<PathBuf> = list(&run.join(DIRECTORY))?.into_iter().rev().map(|(_, path)| path).collect();
+    if found.is_empty() { Err(no_checkpoint(run)) } else { Ok(found) }
 }
 
 /// Returns the number of training episodes at the newest checkpoint of a run directory.
@@ -208,68 +319,12 @@ fn list(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
     Ok(found)
 }
 
-fn damaged(path: &Path, reason: impl ToString, checkpoint: &Path, older: Option<&Path>) -> TrainError {
-    let mend = match older {
-        Some(older) => format!(
-            "remove the directory {}, then continue with --resume from the older checkpoint {}",
-            checkpoint.display(),
-            older.display()
-        ),
-        None => {
-            "there is no older checkpoint: start a new run with another --out; the postures and the metrics of this run \
-             can still be used"
-                .to_owned()
-        }
-    };
-    TrainError::Damaged { path: path.to_owned(), reason: reason.to_string(), mend }
-}
-
-fn read_record(checkpoint: &Path, older: Option<&Path>) -> Result<CheckpointRecord, TrainError> {
-    let path = checkpoint.join(RECORD);
-    let text = fs::read_to_string(&path).map_err(|error| damaged(&path, error, checkpoint, older))?;
-    let (first, rest) = text.split_once('\n').unwrap_or_default();
-    let found = sha256(rest.as_bytes());
-    if first.strip_prefix(DIGEST).map(|digest| digest.trim_matches('"')) != Some(found.as_str()) {
-        let reason = format!("its first line is {first:?}, but the SHA-256 of the other lines is {found}");
-        return Err(damaged(&path, reason, checkpoint, older));
-    }
-    let record: CheckpointRecord = toml::from_str(rest).map_err(|error| damaged(&path, error, checkpoint, older))?;
-    if record.schema != SCHEMA {
-        let reason = format!("its schema is {}, but this version of the program reads schema {SCHEMA}", record.schema);
-        return Err(damaged(&path, reason, checkpoint, older));
-    }
-    Ok(record)
-}
-
-fn read_tensors(path: &Path, digest: &str, checkpoint: &Path, older: Option<&Path>) -> Result<TensorMap, TrainError> {
-    let bytes = fs::read(path).map_err(|error| damaged(path, error, checkpoint, older))?;
-    let found = sha256(&bytes);
-    if found != digest {
-        let reason = format!("its SHA-256 is {found}, but the checkpoint records {digest}");
-        return Err(damaged(path, reason, checkpoint, older));
-    }
-    TensorMap::load_bytes(&bytes).map_err(|error| damaged(path, error, checkpoint, older))
-}
-
-fn read_replay(file: &mut File, path: &Path, length: u64) -> Result<Vec<EpisodeData>, TrainError> {
-    let damaged = |reason: String| TrainError::Damaged {
+fn damaged(path: &Path, reason: impl ToString) -> TrainError {
+    TrainError::Damaged {
         path: path.to_owned(),
-        reason,
-        mend: "start a new run with another --out; the postures and the metrics of this run can still be used"
+        reason: reason.to_string(),
+        mend: "no checkpoint of this run can be used: start a new run with another --out; the postures and the metrics of this \
+               run can still be used"
             .to_owned(),
-    };
-    let mut bytes = Vec::new();
-    file.take(length).read_to_end(&mut bytes).map_err(cannot("read", path))?;
-    if bytes.len() as u64 != length {
-        return Err(damaged(format!("it has {} bytes, but the checkpoint records {length}", bytes.len())));
     }
-    let mut episodes = Vec::new();
-    let mut rest = bytes.as_slice();
-    while !rest.is_empty() {
-        let (episode, after) =
-            EpisodeData::read_prefix(rest).map_err(|error| damaged(format!("episode {}: {error}", episodes.len())))?;
-        episodes.push(episode);
-        rest = after;
-    }
-    Ok(episodes)
 }

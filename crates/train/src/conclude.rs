@@ -1,7 +1,6 @@
 //! The end of a run: choosing its policy, the final evaluation, the products and the summary.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
 
 use eigenhand_rl::{ActionMap, Policy};
 use eigenhand_sim::GraspTask;
@@ -13,17 +12,15 @@ use crate::control_product::ControlProduct;
 use crate::drive::{Driven, Driver, MOST_COMPONENTS, fewest_components};
 use crate::error::TrainError;
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate, simulate};
+use crate::halt::halted_on;
 use crate::metrics::TRUSTED;
 use crate::motion::motions;
 use crate::products::{Products, remove_drawn, write_products};
 use crate::progress::Progress;
-use crate::rollout::WorkerPool;
+use crate::rollout::{Counting, WorkerPool};
 use crate::stress::Stress;
 use crate::summary::{OtherObjects, StoppedBy, Summary};
 use crate::trainer::Trainer;
-
-/// Time between two looks at the flag that stops a run.
-const LOOK: Duration = Duration::from_millis(50);
 
 /// What the end of a run measures.
 struct Measured {
@@ -35,32 +32,6 @@ struct Measured {
     evaluation: Option<Evaluation>,
     success_with_components: Vec<f64>,
     other_objects: Option<OtherObjects>,
-}
-
-/// Sets a flag when it is dropped.
-struct SetAtEnd<'a>(&'a AtomicBool);
-
-impl Drop for SetAtEnd<'_> {
-    fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-/// Works, and sets `halt` as soon as `stop` is set.
-fn halted_on<T>(stop: &AtomicBool, halt: &AtomicBool, work: impl FnOnce() -> T) -> T {
-    let done = AtomicBool::new(false);
-    std::thread::scope(|scope| {
-        scope.spawn(|| {
-            while !done.load(Ordering::Relaxed) {
-                if stop.load(Ordering::Relaxed) {
-                    halt.store(true, Ordering::Relaxed);
-                }
-                std::thread::sleep(LOOK);
-            }
-        });
-        let _end = SetAtEnd(&done);
-        work()
-    })
 }
 
 impl Trainer {
@@ -79,7 +50,6 @@ impl Trainer {
         let halt = self.pool.halt();
         match halted_on(stop, &halt, || self.measure(true, progress)) {
             Err(TrainError::Stopped) => {
-                halt.store(false, Ordering::Relaxed);
                 progress
                     .note("interrupted: everything is saved; the final evaluation begins anew when the run continues");
                 let measured = self.measure(false, progress)?;
@@ -91,13 +61,15 @@ impl Trainer {
 
     /// Chooses the policy, and evaluates it if the run is `complete`.
     fn measure(&mut self, complete: bool, progress: &mut dyn Progress) -> Result<Measured, TrainError> {
+        self.pool.count_with(progress.counting());
         let (policy, policy_episode) = self.choose_policy(complete, progress)?;
         let motions = self.motions_of(&policy, complete)?;
         let most = self.assignment.config.synergy.components.max(MOST_COMPONENTS);
-        let settled_at = self.control.settled_at().filter(|_| policy.map() == self.map_of_numbers());
-        let with_fewer =
-            if settled_at.is_some() && complete { self.motions_with_fewer_numbers(&policy)? } else { Vec::new() };
-        let described = settled_at.map_or_else(|| motions.clone(), |episode| self.control.newest(episode).to_vec());
+        // Where the policy acts in the settled space, this is what is exported.
+        let settled = self.control.settled_motions().filter(|_| policy.map() == self.map_of_numbers());
+        let described = settled.map_or_else(|| motions.clone(), <[_]>::to_vec);
+        let acts_in_it = settled.is_some();
+        let with_fewer = if acts_in_it && complete { self.motions_with_fewer_numbers(&policy)? } else { Vec::new() };
         let space = control_space(&self.control.actuators.coordinates, &described, most)?;
         let mut evaluation = None;
         let mut success_with_components = Vec::new();
@@ -119,13 +91,13 @@ impl Trainer {
                     numbers: config.synergy.components,
                     free_steps: 0,
                 };
-                let confined = settled_at.is_some() && self.control.is_confined();
+                let confined = acts_in_it && self.control.is_confined();
                 let (seed, stream) = (config.seed, EvaluationStream::Final);
                 let each = |driven: &Driven| progress.note(&driven.to_string());
                 success_with_components =
                     driver.measure_each(&mut self.pool, seed, stream, episodes, confined, each)?;
             }
-            other_objects = self.evaluate_other_objects(&policy, space.as_ref())?;
+            other_objects = self.evaluate_other_objects(&policy, space.as_ref(), progress.counting())?;
             if let Some(others) = &other_objects {
                 progress.note(&format!("with other objects: {:.1} %", 100.0 * others.success_rate));
             }
@@ -144,6 +116,7 @@ impl Trainer {
 
     /// Writes products and summary.
     fn write(self, measured: Measured, complete: bool) -> Result<Summary, TrainError> {
+        self.assignment.run.require_in_place()?;
         let wall_s = self.wall_s();
         let Trainer { assignment, pool, reward, postures, counters, control, .. } = self;
         // The export simulates too. Besides replay, the threads' simulations take most of the memory.
@@ -152,6 +125,7 @@ impl Trainer {
         let evaluation = measured.evaluation.as_ref();
         let success_rate = evaluation.map(Evaluation::success_rate);
         let synergy = reward.feedback.synergy();
+        postures.finish()?;
         let postures = postures.newest();
         let mut product = ControlProduct::of(
             &control.actuators,
@@ -223,10 +197,12 @@ impl Trainer {
         &self,
         policy: &Policy,
         space: Option<&Synergy>,
+        counting: Option<Counting>,
     ) -> Result<Option<OtherObjects>, TrainError> {
         let Assignment { config, other_task, .. } = &self.assignment;
         let Some(task) = other_task else { return Ok(None) };
         let mut pool = WorkerPool::halted_by(self.pool.halt(), task, config.worker_count())?;
+        pool.count_with(counting);
         let (seed, stream, episodes) = (config.seed, EvaluationStream::Final, config.evaluation.final_episodes);
         let found = evaluate(&mut pool, task, policy, seed, stream, 0..episodes)?;
         let with_components = space.map(|space| {

@@ -46,6 +46,8 @@ struct Settled {
     /// Training episodes before.
     at: u64,
     space: Synergy,
+    /// The motions to which it is fitted.
+    motions: Vec<MotionRecord>,
 }
 
 impl Control {
@@ -93,8 +95,22 @@ impl Control {
     /// # Errors
     /// [`TrainError::Synergy`].
     pub fn settle(&mut self, at: u64) -> Result<(), TrainError> {
-        self.settled = self.fit(at)?.map(|space| Settled { at, space });
+        self.settle_on(at, self.newest(at).to_vec())
+    }
+
+    /// (training episodes before, motions) => settles the space of these motions, unless there are too few
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn settle_on(&mut self, at: u64, motions: Vec<MotionRecord>) -> Result<(), TrainError> {
+        let space = control_space(&self.actuators.coordinates, &motions, self.config.components)?;
+        self.settled = space.map(|space| Settled { at, space, motions });
         Ok(())
+    }
+
+    /// Returns the motions to which the settled space is fitted; none if it is not settled.
+    pub fn settled_motions(&self) -> Option<&[MotionRecord]> {
+        self.settled.as_ref().map(|settled| settled.motions.as_slice())
     }
 
     /// Returns the training episodes before the space was settled; none if it is not.
@@ -122,12 +138,8 @@ impl Control {
     pub fn space(&self, episode: u64) -> Result<Option<Synergy>, TrainError> {
         match &self.settled {
             Some(settled) => Ok(Some(settled.space.clone())),
-            None => self.fit(episode),
+            None => control_space(&self.actuators.coordinates, self.newest(episode), self.config.components),
         }
-    }
-
-    fn fit(&self, episode: u64) -> Result<Option<Synergy>, TrainError> {
-        control_space(&self.actuators.coordinates, self.newest(episode), self.config.components)
     }
 
     /// (hand, its task) => the outputs of a policy that acts in the settled space; none while it is not settled

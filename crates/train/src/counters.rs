@@ -32,6 +32,12 @@ pub struct Counters {
     pub buffer_warnings: u64,
     /// Postures in the database.
     pub postures: u64,
+    /// SHA-256 of the database's rows at the checkpoint; empty in a checkpoint of an earlier version.
+    #[serde(default)]
+    pub postures_sha256: String,
+    /// Rows of `metrics.csv`; 0 in a checkpoint of an earlier version.
+    #[serde(default)]
+    pub metrics_rows: u64,
     /// Seconds of wall time so far.
     pub wall_s: f64,
     /// Success rate of the last evaluation.
@@ -40,6 +46,9 @@ pub struct Counters {
     pub held_steps: VecDeque<u64>,
     /// Whether the last noise-free training episodes succeeded, oldest first.
     pub recent: VecDeque<bool>,
+    /// Whether the evaluation after these episodes is still to be made, because the run was stopped in it.
+    #[serde(default)]
+    pub evaluation_due: bool,
     /// Training episodes before the control synergy was settled; none while it is not.
     pub settled_at: Option<u64>,
     /// Sums over the updates since the last evaluation.

@@ -86,7 +86,7 @@ pub(crate) struct Driver<'a> {
 }
 
 /// Components up to which a run's summary holds the success, if fewer are configured.
-pub(crate) const MOST_COMPONENTS: usize = 8;
+pub const MOST_COMPONENTS: usize = 8;
 
 /// Success may be this much below that of all joints where few numbers are said to be enough.
 const NEARLY: f64 = 0.05;

@@ -89,6 +89,27 @@ pub enum TrainError {
         /// A smaller learning rate of the critic.
         suggested_critic_lr: f32,
     },
+    /// Most episodes diverge.
+    #[error(
+        "the simulation diverged in {diverged} of the last {of} episodes, most often {place}, with the object {object}\n\
+         the run is saved, but it would learn nothing. Look at this joint with `hands check {hand}`: it may need more damping or \
+         armature, or its servo a lower stiffness (kp) or a force limit. A smaller simulation step may help too: --set \
+         physics.timestep={timestep}"
+    )]
+    EpisodesDiverge {
+        /// Episodes that diverged.
+        diverged: usize,
+        /// Episodes in all.
+        of: usize,
+        /// The object with which most did.
+        object: String,
+        /// Where most did.
+        place: String,
+        /// Name or directory of the hand.
+        hand: String,
+        /// A smaller simulation step in s.
+        timestep: f64,
+    },
     /// The simulation was told to stop.
     #[error("stopped")]
     Stopped,
@@ -108,6 +129,28 @@ pub enum TrainError {
         path: PathBuf,
         /// The part that is missing.
         reason: String,
+    },
+    /// A run directory is not where it was.
+    #[error(
+        "{} was moved or removed while the run trained in it, so the run has stopped without another checkpoint\nif you have moved it, `train --resume` with its new place continues from the newest checkpoint", path.display()
+    )]
+    Moved {
+        /// Where it was.
+        path: PathBuf,
+    },
+    /// The configuration of a run is not the one with which it began.
+    #[error(
+        "{} has changed since the run began: {key} was {before}, and is now {now}\nput it back to continue the run, or start a new run with another --out", path.display()
+    )]
+    ConfigChanged {
+        /// The file.
+        path: PathBuf,
+        /// The first key that differs.
+        key: String,
+        /// Its value when the run began.
+        before: String,
+        /// Its value now.
+        now: String,
     },
     /// A file of a run is damaged.
     #[error("{} is damaged: {reason}\n{mend}", path.display())]

@@ -20,7 +20,7 @@ use crate::evaluation::{EvaluationStream, Tally, evaluate};
 use crate::hands::{check_digest, hand_named};
 use crate::products::{POLICY, POLICY_TEXT, Products, SYNERGY, write_products};
 use crate::provenance::Provenance;
-use crate::rollout::{Behaviour, EpisodeJob, WorkerPool, run_episode};
+use crate::rollout::{Behaviour, EpisodeJob, Workers, run_episode};
 use crate::run_dir::{CONFIG, DATABASE, read_provenance, require_run};
 use crate::summary::Summary;
 use crate::task::{task_of, task_with_objects};
@@ -85,8 +85,8 @@ impl FinishedRun {
     ///
     /// # Errors
     /// [`TrainError::Sim`], or [`TrainError::WorkerLost`].
-    pub fn evaluate(&self, episodes: u64, seed: u64, workers: usize) -> Result<Assessment, TrainError> {
-        let mut pool = WorkerPool::new(&self.task, workers)?;
+    pub fn evaluate(&self, episodes: u64, seed: u64, workers: impl Into<Workers>) -> Result<Assessment, TrainError> {
+        let mut pool = workers.into().start(&self.task)?;
         let found = evaluate(&mut pool, &self.task, &self.policy, seed, EvaluationStream::Separate, 0..episodes)?;
         let Tally { episodes, successes } = found.all;
         Ok(Assessment {
@@ -122,11 +122,11 @@ impl FinishedRun {
         free: &Freedom,
         episodes: u64,
         seed: u64,
-        workers: usize,
+        workers: impl Into<Workers>,
         mut each: impl FnMut(&Driven),
     ) -> Result<Drive, TrainError> {
         let actuators = HandActuators::of(&self.hand, &self.task).without(&free.actuators)?;
-        let mut pool = WorkerPool::new(&self.task, workers)?;
+        let mut pool = workers.into().start(&self.task)?;
         let no_motions = || TrainError::NoMotions { run: self.directory.clone() };
         let exported = self.directory.join(SYNERGY);
         let Import { file, samples } =
@@ -135,12 +135,17 @@ impl FinishedRun {
         let kept: Vec<usize> = (0..known.len()).filter(|&i| actuators.coordinates.contains(&known[i])).collect();
         let samples: Vec<Vec<f64>> = samples.iter().map(|command| kept.iter().map(|&i| command[i]).collect()).collect();
         let space = Synergy::fit_newest(&actuators.coordinates, &samples, kept.len(), 0)?.ok_or_else(no_motions)?;
+        let (most, asked) = (space.n_components(), *components.end());
+        if asked > most {
+            let reason = format!("expected at most {most}, one for each actuator that is neither the slide nor free");
+            return Err(TrainError::Option { option: format!("--components {}..{asked}", components.start()), reason });
+        }
         // Without some of the actuators, the space is not the one in which the policy has learned.
         let numbers = if free.actuators.is_empty() { file.synergy.n_components() } else { 0 };
         let Self { task, policy, .. } = self;
         let driver = Driver { task, policy, actuators: &actuators, space: &space, numbers, free_steps: free.steps };
         let mut rows = Vec::new();
-        for k in components.filter(|&k| k <= space.n_components()) {
+        for k in components {
             let row = driver.measure(&mut pool, k, seed, EvaluationStream::Separate, episodes, true)?;
             each(&row);
             rows.push(row);

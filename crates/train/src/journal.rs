@@ -1,6 +1,8 @@
 //! The evaluations of a run, as rows of `metrics.csv` and as curves for TensorBoard.
 
+use crate::checkpoint::Lost;
 use crate::config::RunConfig;
+use crate::counters::Counters;
 use crate::error::TrainError;
 use crate::metrics::{MetricsFile, MetricsRow, read_metrics};
 use crate::provenance::Provenance;
@@ -26,11 +28,32 @@ impl Journal {
     ) -> Result<Journal, TrainError> {
         let metrics = MetricsFile::open(run.path(), episode)?;
         let events = if config.tensorboard {
-            Some(EventFile::create(run.path(), provenance.started_unix_s, &read_metrics(run.path())?)?)
+            Some(EventFile::create(
+                run.path(),
+                provenance.started_unix_s,
+                &config.settings()?,
+                &read_metrics(run.path())?,
+            )?)
         } else {
             None
         };
         Ok(Journal { metrics, events })
+    }
+
+    /// Returns the missing rows of a run at a checkpoint, if there are any.
+    ///
+    /// # Errors
+    /// [`TrainError::File`], or [`TrainError::Damaged`] when a row cannot be read.
+    pub fn lost(run: &RunDirectory, counters: &Counters) -> Result<Option<Lost>, TrainError> {
+        MetricsFile::lost(run.path(), counters.episodes, counters.metrics_rows)
+    }
+
+    /// Waits until the disk has all rows. The curves are made anew from the rows when a run is resumed.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn sync(&self) -> Result<(), TrainError> {
+        self.metrics.sync()
     }
 
     /// Appends a row.

@@ -9,6 +9,7 @@ use tracing::subscriber::DefaultGuard;
 
 use crate::error::TrainError;
 use crate::progress::{Progress, Status};
+use crate::rollout::Counting;
 use crate::status::StatusFile;
 
 /// Name of the file in a run directory.
@@ -58,6 +59,15 @@ impl Progress for Logged<'_> {
     fn note(&mut self, line: &str) {
         tracing::info!("{line}");
         self.shown.note(line);
+    }
+
+    fn warn(&mut self, line: &str) {
+        tracing::warn!("{line}");
+        self.shown.warn(line);
+    }
+
+    fn counting(&mut self) -> Option<Counting> {
+        self.shown.counting()
     }
 
     fn finish(&mut self) {

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use eigenhand_files::{cannot, write_atomically};
 use eigenhand_synergy::Synergy;
 
+use crate::checkpoint::Lost;
 use crate::counters::Counters;
 use crate::error::TrainError;
 use crate::evaluation::Evaluation;
@@ -200,6 +201,24 @@ impl MetricsFile {
         Ok(MetricsFile { path, writer, columns })
     }
 
+    /// Returns the number of rows up to `episode`.
+    ///
+    /// # Errors
+    /// As [`read_metrics`].
+    pub fn rows_up_to(directory: &Path, episode: u64) -> Result<u64, TrainError> {
+        Ok(read_metrics(directory)?.iter().filter(|row| row.episode <= episode).count() as u64)
+    }
+
+    /// Returns the missing rows of a run at a checkpoint, if there are any: those up to `episode` are fewer than `expected`.
+    ///
+    /// # Errors
+    /// As [`read_metrics`].
+    pub fn lost(directory: &Path, episode: u64, expected: u64) -> Result<Option<Lost>, TrainError> {
+        let found = Self::rows_up_to(directory, episode)?;
+        let reason = format!("it has {found} rows up to episode {episode}, but the checkpoint counts {expected}");
+        Ok((found < expected).then(|| Lost { path: directory.join(METRICS), reason }))
+    }
+
     /// Appends a row, after the header if it is the first.
     ///
     /// A file keeps its header: a number without a column is left out, and a column without a number stays empty.
@@ -218,6 +237,14 @@ impl MetricsFile {
         };
         self.writer.write_record(self.columns.iter().map(field)).map_err(|e| csv_error(&self.path, e))?;
         Ok(self.writer.flush().map_err(cannot("write", &self.path))?)
+    }
+
+    /// Waits until the disk has all rows.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn sync(&self) -> Result<(), TrainError> {
+        Ok(self.writer.get_ref().sync_all().map_err(cannot("write", &self.path))?)
     }
 }
 

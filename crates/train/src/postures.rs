@@ -5,6 +5,7 @@ use eigenhand_synergy::{JointInfo, MotionRecord, PostureDatabase, PostureRecord,
 
 use crate::actuators::HandActuators;
 use crate::config::{RunConfig, SynergyConfig};
+use crate::counters::Counters;
 use crate::error::TrainError;
 use crate::rollout::Episode;
 use crate::run_dir::{DATABASE, RunDirectory};
@@ -38,27 +39,61 @@ impl Postures {
         Ok(Postures { database, joints, all: Vec::new(), config: synergy, lambda, seed })
     }
 
-    /// Restores the state at a checkpoint: `expected` postures of the first `episodes` episodes. Returns their motions.
+    /// Checks that the database of a run holds what a checkpoint counts. It changes nothing.
     ///
     /// # Errors
-    /// [`TrainError::Damaged`] when the database holds fewer or more.
-    pub fn restore(
-        &mut self,
-        run: &RunDirectory,
-        episodes: u64,
-        expected: u64,
-    ) -> Result<Vec<MotionRecord>, TrainError> {
-        self.database.truncate_from_episode(episodes)?;
-        self.all = self.database.policy_postures()?;
-        let found = self.database.len()?;
-        if found as u64 == expected {
-            return Ok(self.database.motions()?);
-        }
+    /// [`TrainError::Damaged`] when it holds other postures, [`TrainError::Synergy`] when it cannot be read.
+    pub fn check(run: &RunDirectory, counters: &Counters) -> Result<(), TrainError> {
+        let Counters { episodes, postures, postures_sha256, .. } = counters;
+        let database = PostureDatabase::open_existing(run.file(DATABASE))?;
+        database.check_integrity()?;
+        let found = database.len_before(*episodes)?;
+        let reason = if found != *postures {
+            format!("it holds {found} postures up to episode {episodes}, but the checkpoint counts {postures}")
+        } else if !postures_sha256.is_empty() && database.digest_before(*episodes)? != *postures_sha256 {
+            format!("its rows up to episode {episodes} are not those that the run wrote")
+        } else {
+            return Ok(());
+        };
         Err(TrainError::Damaged {
             path: run.file(DATABASE),
-            reason: format!("it holds {found} postures up to episode {episodes}, but the checkpoint counts {expected}"),
+            reason,
             mend: "restore this file, or start a new run with another --out".to_owned(),
         })
+    }
+
+    /// Restores the state at a checkpoint, after the first `episodes` episodes, and returns the motions.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn restore(&mut self, episodes: u64) -> Result<Vec<MotionRecord>, TrainError> {
+        self.database.truncate_from_episode(episodes)?;
+        self.all = self.database.policy_postures()?;
+        Ok(self.database.motions()?)
+    }
+
+    /// Returns the SHA-256 of all rows.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn sha256(&self) -> Result<String, TrainError> {
+        Ok(self.database.digest_before(u64::MAX)?)
+    }
+
+    /// Waits until the disk has all that was stored.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn sync(&self) -> Result<(), TrainError> {
+        Ok(self.database.sync()?)
+    }
+
+    /// Makes the database one file that can be read anywhere.
+    ///
+    /// # Errors
+    /// [`TrainError::Synergy`].
+    pub fn finish(&self) -> Result<(), TrainError> {
+        Ok(self.database.finish()?)
     }
 
     /// Stores the postures of the episodes that succeeded, and returns their number. Also stores their motions.

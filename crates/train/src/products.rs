@@ -185,7 +185,7 @@ fn write_synergies(products: &Products, directory: &Path) -> Result<(), TrainErr
             grasps: grasps.clone(),
             provenance: provenance.clone(),
         };
-        eigenhand_synergy::export(directory.join(SYNERGY), &file, commands)?;
+        eigenhand_synergy::export_beside_others(directory.join(SYNERGY), &file, commands)?;
     }
     let Some(synergy) = products.synergy else { return Ok(()) };
     let file = SynergyFile {
@@ -198,7 +198,7 @@ fn write_synergies(products: &Products, directory: &Path) -> Result<(), TrainErr
         grasps: Vec::new(),
         provenance,
     };
-    Ok(eigenhand_synergy::export(directory.join(POSTURE_SYNERGY), &file, products.postures)?)
+    Ok(eigenhand_synergy::export_beside_others(directory.join(POSTURE_SYNERGY), &file, products.postures)?)
 }
 
 fn policy_record(products: &Products) -> PolicyRecord {

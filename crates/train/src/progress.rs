@@ -1,9 +1,13 @@
 //! The display of a run's progress.
 
+use std::io::Write;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::{Deserialize, Serialize};
+
+use crate::rollout::Counting;
 
 /// State of a run, for a display of its progress.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -20,7 +24,7 @@ pub struct Status {
     pub postures: u64,
     /// Sum of the contribution rates.
     pub contribution_sum: Option<f64>,
-    /// Environment steps a second, in the last cycle.
+    /// Environment steps a second, over the last cycles.
     pub steps_per_s: f64,
     /// Episodes that diverged.
     pub diverged: u64,
@@ -56,12 +60,38 @@ fn clock(seconds: f64) -> String {
     format!("{}:{:02}", seconds / 60, seconds % 60)
 }
 
+/// Writes a line to standard error. A reader that is gone, or a full disk, ends nothing: what is said is no part of the work.
+///
+/// ```
+/// eigenhand_train::say!("episode {}", 3);
+/// ```
+#[macro_export]
+macro_rules! say {
+    () => { $crate::say!("") };
+    ($($part:tt)*) => { $crate::write_line(format_args!($($part)*)) };
+}
+
+/// Writes a line to standard error for [`say!`](crate::say).
+#[doc(hidden)]
+pub fn write_line(line: std::fmt::Arguments<'_>) {
+    let mut out = std::io::stderr().lock();
+    let _ = writeln!(out, "{line}");
+}
+
 /// A display of progress.
 pub trait Progress {
     /// Shows the current state; called at least once a cycle.
     fn update(&mut self, status: &Status);
     /// Shows a line that stays.
     fn note(&mut self, line: &str);
+    /// Shows that something was lost or damaged.
+    fn warn(&mut self, line: &str) {
+        self.note(line);
+    }
+    /// Returns what shows the episodes of evaluations while they are simulated; none if nothing does.
+    fn counting(&mut self) -> Option<Counting> {
+        None
+    }
     /// Ends the display.
     fn finish(&mut self) {}
 }
@@ -80,6 +110,15 @@ impl Bar {
             bar.set_style(style);
         }
         Bar { bar }
+    }
+
+    /// Starts a bar for the episodes of evaluations, each of which takes the place of the one before.
+    fn of_evaluations() -> ProgressBar {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(4));
+        if let Ok(style) = ProgressStyle::with_template("{bar:16.cyan/dim} {pos}/{len} episodes, {eta} left") {
+            bar.set_style(style);
+        }
+        bar
     }
 }
 
@@ -102,13 +141,29 @@ impl Progress for Bar {
     }
 
     fn note(&mut self, line: &str) {
-        self.bar.suspend(|| eprintln!("{line}"));
+        self.bar.suspend(|| say!("{line}"));
+    }
+
+    fn counting(&mut self) -> Option<Counting> {
+        let bar = Bar::of_evaluations();
+        self.bar = bar.clone();
+        Some(Arc::new(move |done, all| {
+            if done == 0 {
+                bar.set_length(all as u64);
+                bar.reset();
+            }
+            if done < all {
+                bar.set_position(done as u64);
+            } else {
+                bar.finish_and_clear();
+            }
+        }))
     }
 
     fn finish(&mut self) {
         // The bar keeps its position, because the run may have been interrupted.
         self.bar.abandon();
-        eprintln!();
+        say!();
     }
 }
 
@@ -137,11 +192,22 @@ impl Progress for Lines {
         let done = status.episodes.saturating_sub(first);
         let each = (now - started).as_secs_f64() / done as f64;
         let left = (done > 0).then(|| each * status.total.saturating_sub(status.episodes) as f64);
-        eprintln!("{}", status.plain(left));
+        say!("{}", status.plain(left));
     }
 
     fn note(&mut self, line: &str) {
-        eprintln!("{line}");
+        say!("{line}");
+    }
+
+    fn counting(&mut self) -> Option<Counting> {
+        let (every, shown) = (self.every, Mutex::new(Instant::now()));
+        Some(Arc::new(move |done, all| {
+            let mut shown = shown.lock().unwrap_or_else(PoisonError::into_inner);
+            if done < all && shown.elapsed() >= every {
+                *shown = Instant::now();
+                say!("evaluation: {done} of {all} episodes");
+            }
+        }))
     }
 }
 
@@ -151,4 +217,15 @@ pub struct Silent;
 impl Progress for Silent {
     fn update(&mut self, _status: &Status) {}
     fn note(&mut self, _line: &str) {}
+}
+
+/// Shows what was lost or damaged, and nothing else.
+pub struct Quiet;
+
+impl Progress for Quiet {
+    fn update(&mut self, _status: &Status) {}
+    fn note(&mut self, _line: &str) {}
+    fn warn(&mut self, line: &str) {
+        say!("note: {line}");
+    }
 }

@@ -6,14 +6,13 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
 use eigenhand_files::write_atomically;
-use eigenhand_hands::{Hand, Registry, ScriptedGrasps, SearchPath};
+use eigenhand_hands::{Hand, ScriptedGrasps, SearchPath};
 use eigenhand_mujoco::MuJoCo;
 use serde::Serialize;
-use toml::Value;
 
 use crate::action_space::SynergySpace;
 use crate::assignment::Assignment;
-use crate::config::{ConfigError, Layers, Preset, RunConfig, parse_settings, read_layer};
+use crate::config::{Preset, RunConfig};
 use crate::error::TrainError;
 use crate::finished::FinishedRun;
 use crate::hands::{check_contract, check_digest, hand_named};
@@ -21,9 +20,14 @@ use crate::logging::{Logged, RunLog};
 use crate::progress::Progress;
 use crate::provenance::Provenance;
 use crate::run_dir::{CONFIG, RunDirectory, read_provenance};
+use crate::start::Start;
 use crate::summary::Summary;
 use crate::task::{other_task_of, task_of};
 use crate::trainer::Trainer;
+
+mod resolve;
+
+pub use resolve::resolve;
 
 /// Request for a new run. A field that is absent keeps the value of the layer below.
 #[derive(Clone, Debug, Default)]
@@ -37,6 +41,8 @@ pub struct NewRun {
     pub preset: Option<Preset>,
     /// Configuration file.
     pub file: Option<PathBuf>,
+    /// The run whose settings this one has unless it names others, and whose networks it starts with.
+    pub from: Option<PathBuf>,
     /// Assignments `key=value` with dotted keys.
     pub assignments: Vec<String>,
     /// How far the policy is confined to its synergy.
@@ -103,6 +109,8 @@ pub struct Plan {
     pub components: usize,
     /// Number of newest postures that the synergy covers; 0 means all.
     pub window: usize,
+    /// The run with whose networks it starts; none for fresh ones.
+    pub from: Option<PathBuf>,
     /// Training episodes that are done already.
     pub episodes_done: u64,
     /// Threads that simulate.
@@ -142,16 +150,25 @@ impl Launch {
         }
         let other_task = other_task_of(&config, &hand, &library, &task)?;
         let space = SynergySpace::of(&config, &hand, &task)?;
+        let start = Start::of(&config, &hand, &task, space.as_ref())?;
         let provenance = Provenance::collect(&hand, &library);
         let run = RunDirectory::create(request.out.as_deref(), &config, &provenance)?;
-        if let Some(space) = &space {
+        let assignment = Assignment { config, provenance, hand, task, other_task, space, start, run };
+        Launch::begin(assignment, &library)
+    }
+
+    /// Begins the training of a run whose directory has its configuration and provenance.
+    fn begin(assignment: Assignment, library: &MuJoCo) -> Result<Launch, TrainError> {
+        let Assignment { config, hand, task, space, start, run, .. } = &assignment;
+        if let Some(space) = space {
             space.keep(run.path())?;
         }
+        if let Some(start) = start {
+            start.keep(run.path(), task, hand)?;
+        }
         let log = RunLog::start(run.path())?;
-        let mut plan = Plan::of(&config, &hand, &library, run.path());
-        let trainer = Trainer::create(Assignment { config, provenance, hand, task, other_task, space, run })?;
-        plan.episodes_done = trainer.counters.episodes;
-        Ok(Launch { plan, work: Work::Training(Box::new(trainer), log) })
+        let plan = Plan::of(config, hand, library, run.path());
+        Ok(Launch { plan, work: Work::Training(Box::new(Trainer::create(assignment)?), log) })
     }
 
     /// Prepares to continue a run from its newest checkpoint.
@@ -161,6 +178,7 @@ impl Launch {
     /// these errors no file has been changed.
     pub fn resume(request: &ResumedRun) -> Result<Launch, TrainError> {
         let run = RunDirectory::open(&request.run)?;
+        run.check_config()?;
         let mut stored = run.config()?;
         let provenance = read_provenance(run.path())?;
         let hand = hand_named(&stored.hand, &request.hands)?;
@@ -185,10 +203,19 @@ impl Launch {
         }
         let task = task_of(&config, &hand, &library)?;
         let other_task = other_task_of(&config, &hand, &library, &task)?;
+        // The run was stopped before its first checkpoint.
+        if run.begin_again(&stored)? {
+            let space = SynergySpace::of(&config, &hand, &task)?;
+            let start = Start::of(&config, &hand, &task, space.as_ref())?;
+            let assignment = Assignment { config, provenance, hand, task, other_task, space, start, run };
+            return Launch::begin(assignment, &library);
+        }
         let log = RunLog::start(run.path())?;
         let mut plan = Plan::of(&config, &hand, &library, run.path());
         let space = SynergySpace::resume(run.path(), &config, &hand, &task)?;
-        let trainer = Trainer::resume(Assignment { config, provenance, hand, task, other_task, space, run })?;
+        let start = Start::resume(&config, run.path())?;
+        let assignment = Assignment { config, provenance, hand, task, other_task, space, start, run };
+        let trainer = Trainer::resume(assignment)?;
         plan.episodes_done = trainer.counters.episodes;
         if plan.episodes < plan.episodes_done {
             return Err(TrainError::Option {
@@ -259,197 +286,11 @@ impl Plan {
             episodes: config.episodes,
             components: config.synergy.components,
             window: config.synergy.window,
+            from: (!config.from.is_empty()).then(|| PathBuf::from(&config.from)),
             episodes_done: 0,
             workers: config.worker_count(),
             mujoco_version: library.version(),
             mujoco_library: library.origin().to_owned(),
-        }
-    }
-}
-
-/// Resolves a request into complete settings and the hand.
-///
-/// # Errors
-/// The first fault of the configuration or the hand.
-pub fn resolve(request: &NewRun) -> Result<(RunConfig, Hand), TrainError> {
-    let registry = Registry::discover(&request.hands)?;
-    let (mut config, components) = sum_layers(request, &registry)?;
-    let hand = registry.get(&config.hand)?;
-    let directions = hand.actuators.len();
-    if config.synergy.components > directions {
-        match components {
-            // The default is for hands with more.
-            None => config.synergy.components = directions,
-            Some(origin) => {
-                let reason = format!(
-                    "synergy.components = {} is not allowed: for the hand {}, expected at most {directions}, one for each \
-                     actuator without the slide",
-                    config.synergy.components, hand.manifest.name
-                );
-                return Err(ConfigError::Value { origin, reason }.into());
-            }
-        }
-    }
-    Ok((named_by_path(config, &hand, &registry), hand))
-}
-
-/// Names a hand that the registry does not list by its path.
-fn named_by_path(mut config: RunConfig, hand: &Hand, registry: &Registry) -> RunConfig {
-    if !registry.list().iter().any(|entry| entry.name == config.hand) {
-        // Only an absolute path leads to the hand from every working directory.
-        let complete = hand.directory.canonicalize().unwrap_or_else(|_| hand.directory.clone());
-        config.hand = complete.display().to_string();
-    }
-    config
-}
-
-/// Combines the layers of a request: default, preset, file, assignments, options. Also returns what set the number of
-/// components; none for the default.
-fn sum_layers(request: &NewRun, registry: &Registry) -> Result<(RunConfig, Option<String>), TrainError> {
-    let file = match &request.file {
-        Some(path) => Some((path.display().to_string(), read_layer(path)?)),
-        None => None,
-    };
-    let written = match &file {
-        Some((origin, text)) => preset_in(origin, text)?,
-        None => None,
-    };
-    let preset = request.preset.or(written).unwrap_or_default();
-    let mut layers = Layers::new(preset)?;
-    if let Some((origin, text)) = &file {
-        layers.add_text(origin, text)?;
-    }
-    for assignment in &request.assignments {
-        layers.add_assignment(assignment)?;
-    }
-    if layers.origin("preset").is_some_and(|origin| origin.starts_with("--set ")) {
-        return Err(TrainError::Option {
-            option: "--set preset".to_owned(),
-            reason: "a preset is a layer of its own: choose it with --preset".to_owned(),
-        });
-    }
-    let whole = |n: u64| Value::Integer(i64::try_from(n).unwrap_or(i64::MAX));
-    let options = [
-        ("preset", Some(Value::String(preset.name().to_owned()))),
-        ("hand", request.hand.clone().map(Value::String)),
-        ("lambda", request.lambda.map(Value::Float)),
-        ("seed", request.seed.map(whole)),
-        ("episodes", request.episodes.map(whole)),
-        ("workers", request.workers.map(|n| whole(n as u64))),
-        ("tensorboard", request.tensorboard.map(Value::Boolean)),
-        ("objects", request.objects.clone().map(|names| Value::Array(names.into_iter().map(Value::String).collect()))),
-    ];
-    for (key, value) in options {
-        if let Some(value) = value {
-            layers.set(key, value, &format!("--{key}"))?;
-        }
-    }
-    if layers.origin("hand").is_none() && !request.default_hand {
-        let names: Vec<&str> = registry.list().iter().map(|entry| entry.name.as_str()).collect();
-        let known = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-        return Err(TrainError::NoHand { known });
-    }
-    let components = layers.origin("synergy.components").map(str::to_owned);
-    Ok((layers.resolve()?, components))
-}
-
-/// Returns the preset that a configuration file names, if it names one.
-fn preset_in(origin: &str, text: &str) -> Result<Option<Preset>, ConfigError> {
-    let Some(name) = parse_settings(origin, text)?.remove("preset") else { return Ok(None) };
-    match Preset::ALL.into_iter().find(|preset| name.trim_matches(['"', '\'']) == preset.name()) {
-        Some(preset) => Ok(Some(preset)),
-        None => {
-            let known = Preset::ALL.map(Preset::name).join(", ");
-            let reason = format!("preset = {name} is not allowed: expected one of {known}");
-            Err(ConfigError::Value { origin: origin.to_owned(), reason })
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn request() -> NewRun {
-        NewRun { hand: Some("some-hand".to_owned()), ..NewRun::default() }
-    }
-
-    fn resolved(request: &NewRun) -> Result<RunConfig, TrainError> {
-        Ok(sum_layers(request, &Registry::discover(&SearchPath::from_environment(&[]))?)?.0)
-    }
-
-    /// A file that lives as long as the test.
-    fn file(text: &str) -> tempfile::NamedTempFile {
-        let file = tempfile::NamedTempFile::new().expect("a file");
-        std::fs::write(file.path(), text).expect("writable");
-        file
-    }
-
-    fn with_file(file: &tempfile::NamedTempFile) -> NewRun {
-        NewRun { file: Some(file.path().to_owned()), ..request() }
-    }
-
-    #[test]
-    fn each_layer_overrides_the_one_before() {
-        let file = file("lambda = 2.0\nseed = 5\nepisodes = 10\n[learner]\ngamma = 0.9\n");
-        let quick = resolved(&NewRun { preset: Some(Preset::Quick), ..request() }).expect("valid");
-        let config = resolved(&NewRun {
-            preset: Some(Preset::Quick),
-            assignments: vec!["seed=6".to_owned(), "episodes=11".to_owned()],
-            episodes: Some(12),
-            ..with_file(&file)
-        })
-        .expect("valid");
-        assert_eq!(config.objects, quick.objects, "from the preset");
-        assert_eq!((config.lambda, config.learner.gamma), (2.0, 0.9), "from the file");
-        assert_eq!(config.seed, 6, "from --set");
-        assert_eq!(config.episodes, 12, "from the option");
-        assert_eq!(config.hand, "some-hand");
-    }
-
-    #[test]
-    fn a_preset_in_the_file_brings_its_settings() {
-        let file = file("preset = \"quick\"\n");
-        let quick = resolved(&NewRun { preset: Some(Preset::Quick), ..request() }).expect("valid");
-        assert_eq!(resolved(&with_file(&file)).expect("valid"), quick);
-        let paper = resolved(&NewRun { preset: Some(Preset::Paper), ..with_file(&file) }).expect("valid");
-        let expected = resolved(&NewRun { preset: Some(Preset::Paper), ..request() }).expect("valid");
-        assert_eq!(paper, expected, "the option is above the file");
-    }
-
-    #[test]
-    fn a_hand_has_to_be_named_somewhere() {
-        let error = resolved(&NewRun::default()).expect_err("no hand");
-        assert!(error.is_usage() && error.to_string().contains("--hand"), "{error}");
-        let file = file("hand = \"from-file\"\n");
-        let named = resolved(&NewRun { hand: None, ..with_file(&file) }).expect("named in the file");
-        assert_eq!(named.hand, "from-file");
-        let assigned = NewRun { assignments: vec!["hand = assigned".to_owned()], ..NewRun::default() };
-        assert_eq!(resolved(&assigned).expect("named with --set").hand, "assigned");
-    }
-
-    #[test]
-    fn wrong_requests_say_where_they_are_wrong() {
-        let assigning = |text: &str| NewRun { assignments: vec![text.to_owned()], ..request() };
-        let bad_preset = file("preset = \"quik\"\n");
-        let bad_key = file("[learner]\ngama = 0.9\n");
-        let no_toml = file("= 3\n");
-        let nowhere = tempfile::tempdir().expect("a directory");
-        let cases = [
-            (assigning("preset=quick"), "--preset"),
-            (assigning("learner.gama=0.9"), "did you mean \"learner.gamma\""),
-            (assigning("nonsense"), "key=value"),
-            (NewRun { lambda: Some(-1.0), ..request() }, "lambda = -1"),
-            (NewRun { objects: Some(Vec::new()), ..request() }, "objects"),
-            (with_file(&bad_preset), "expected one of default, quick, paper"),
-            (with_file(&bad_key), "did you mean \"learner.gamma\""),
-            (with_file(&no_toml), "line 1"),
-            (NewRun { file: Some(nowhere.path().join("run.toml")), ..request() }, "run.toml"),
-        ];
-        for (request, part) in cases {
-            let error = resolved(&request).expect_err(part);
-            assert!(error.is_usage(), "{error}");
-            assert!(error.to_string().contains(part), "{error} does not say {part}");
         }
     }
 }

@@ -78,6 +78,8 @@ pub struct Episode {
     pub success: bool,
     /// Whether the simulation diverged; then data, posture and distance are not usable.
     pub diverged: bool,
+    /// The joint at which it did, if it is known.
+    pub diverged_at: Option<String>,
     /// What chose the actions.
     pub source: Source,
     /// The data that replay stores.
@@ -137,6 +139,7 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
         scene,
         success: false,
         diverged: false,
+        diverged_at: None,
         source,
         data: EpisodeData::zeros(shape),
         commands: vec![0.0; shape.n_steps * shape.act_dim],
@@ -151,7 +154,9 @@ pub fn run_episode(env: &mut GraspEnv, scratch: &mut PolicyScratch, job: &Episod
     episode.warnings = env.warnings();
     match outcome {
         Ok(()) => Ok(episode),
-        Err(SimError::Diverged { .. }) => Ok(Episode { diverged: true, success: false, ..episode }),
+        Err(SimError::Diverged { joint, .. }) => {
+            Ok(Episode { diverged: true, diverged_at: joint, success: false, ..episode })
+        }
         Err(error) => Err(error.into()),
     }
 }
@@ -207,6 +212,9 @@ fn play(
     Ok(())
 }
 
+/// What is called while episodes are collected: with the number of those that have ended, and of all.
+pub type Counting = Arc<dyn Fn(usize, usize) + Send + Sync>;
+
 /// Threads that simulate episodes, each in an environment of its own.
 pub struct WorkerPool {
     jobs: Option<Sender<EpisodeJob>>,
@@ -214,6 +222,7 @@ pub struct WorkerPool {
     threads: Vec<JoinHandle<()>>,
     pending: usize,
     halt: Arc<AtomicBool>,
+    counting: Option<Counting>,
 }
 
 impl WorkerPool {
@@ -260,12 +269,17 @@ impl WorkerPool {
                 .map_err(|source| TrainError::Thread { source })?;
             threads.push(thread);
         }
-        Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0, halt })
+        Ok(WorkerPool { jobs: Some(jobs), results, threads, pending: 0, halt, counting: None })
     }
 
     /// Returns the flag that makes the threads leave out their episodes; [`collect`](Self::collect) then fails.
     pub fn halt(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.halt)
+    }
+
+    /// Sets what is called while episodes are collected.
+    pub fn count_with(&mut self, counting: Option<Counting>) {
+        self.counting = counting;
     }
 
     /// Submits episodes to the threads.
@@ -288,7 +302,11 @@ impl WorkerPool {
     pub fn collect(&mut self) -> Result<Vec<Episode>, TrainError> {
         let mut episodes = Vec::with_capacity(self.pending);
         let mut stopped = false;
+        let all = self.pending;
         while self.pending > 0 {
+            if let Some(counting) = &self.counting {
+                counting(all - self.pending, all);
+            }
             let episode = self.results.recv().map_err(|_| TrainError::WorkerLost)?;
             self.pending -= 1;
             match episode {
@@ -297,11 +315,41 @@ impl WorkerPool {
                 episode => episodes.push(episode?),
             }
         }
+        if let Some(counting) = &self.counting {
+            counting(all, all);
+        }
         if stopped {
             return Err(TrainError::Stopped);
         }
         episodes.sort_by_key(|episode| episode.index);
         Ok(episodes)
+    }
+}
+
+/// Threads for an evaluation.
+#[derive(Clone, Default)]
+pub struct Workers {
+    /// Number of threads.
+    pub count: usize,
+    /// What is called while their episodes are collected.
+    pub counting: Option<Counting>,
+}
+
+impl From<usize> for Workers {
+    fn from(count: usize) -> Workers {
+        Workers { count, counting: None }
+    }
+}
+
+impl Workers {
+    /// Starts the threads.
+    ///
+    /// # Errors
+    /// As [`WorkerPool::new`].
+    pub(crate) fn start(&self, task: &Arc<GraspTask>) -> Result<WorkerPool, TrainError> {
+        let mut pool = WorkerPool::new(task, self.count)?;
+        pool.count_with(self.counting.clone());
+        Ok(pool)
     }
 }
 

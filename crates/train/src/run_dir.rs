@@ -1,6 +1,7 @@
 //! The run directory: names, creation, and the lock that keeps a second process out.
 
 use std::fs::{File, OpenOptions, TryLockError};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 use eigenhand_files::{cannot, create_directory, write_atomically};
@@ -15,10 +16,12 @@ pub(crate) const CONFIG: &str = "config.toml";
 const PROVENANCE: &str = "provenance.toml";
 pub(crate) const LOCK: &str = ".lock";
 
+mod beginning;
+
 /// A run directory, locked for this process.
 pub struct RunDirectory {
     path: PathBuf,
-    _lock: File,
+    lock_file: File,
 }
 
 impl RunDirectory {
@@ -32,7 +35,7 @@ impl RunDirectory {
         let path = match out {
             Some(path) => {
                 let occupied = path.read_dir().is_ok_and(|mut entries| entries.next().is_some());
-                if occupied || path.is_file() {
+                if (occupied && !beginning::is_beginning(path)?) || path.is_file() {
                     return Err(TrainError::RunExists { path: path.to_owned() });
                 }
                 create_directory(path)?;
@@ -40,10 +43,46 @@ impl RunDirectory {
             }
             None => first_free(Path::new("runs"), config, &provenance.hand)?,
         };
-        let run = RunDirectory { _lock: lock(&path)?, path };
-        write_atomically(&run.file(CONFIG), config.to_toml()?.as_bytes())?;
+        let run = RunDirectory { lock_file: lock(&path)?, path };
+        run.begin()?;
+        let config = config.to_toml()?;
+        write_atomically(&run.file(CONFIG), config.as_bytes())?;
         write_atomically(&run.file(PROVENANCE), provenance.to_toml(&run.file(PROVENANCE))?.as_bytes())?;
+        beginning::keep_config(&run.path, &config)?;
         Ok(run)
+    }
+
+    /// Removes what a run has left that was stopped before its first checkpoint.
+    fn begin(&self) -> Result<(), TrainError> {
+        // Another process may have begun between the look at the directory and the lock.
+        if !beginning::is_beginning(&self.path)? {
+            return Err(TrainError::RunExists { path: self.path.clone() });
+        }
+        beginning::clear(&self.path)
+    }
+
+    /// Prepares a run to begin anew, with a configuration, that was stopped before its first checkpoint. Returns false for another run, in which
+    /// nothing is changed.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub(crate) fn begin_again(&self, config: &RunConfig) -> Result<bool, TrainError> {
+        if !beginning::is_beginning(&self.path)? {
+            return Ok(false);
+        }
+        beginning::clear(&self.path)?;
+        let config = config.to_toml()?;
+        write_atomically(&self.file(CONFIG), config.as_bytes())?;
+        beginning::keep_config(&self.path, &config)?;
+        Ok(true)
+    }
+
+    /// Checks that the configuration is still the one with which the run began, but for the keys that may change.
+    ///
+    /// # Errors
+    /// [`TrainError::ConfigChanged`] with the first key that differs, and the errors of reading both files.
+    pub(crate) fn check_config(&self) -> Result<(), TrainError> {
+        beginning::check_config(&self.path)
     }
 
     /// Opens a run directory to continue the run in it.
@@ -52,7 +91,18 @@ impl RunDirectory {
     /// [`TrainError::NotARun`] when it holds no configuration, [`TrainError::Locked`] when another process uses it.
     pub fn open(path: &Path) -> Result<RunDirectory, TrainError> {
         require_run(path)?;
-        Ok(RunDirectory { _lock: lock(path)?, path: path.to_owned() })
+        Ok(RunDirectory { lock_file: lock(path)?, path: path.to_owned() })
+    }
+
+    /// Makes sure that the directory is still where it was.
+    ///
+    /// # Errors
+    /// [`TrainError::Moved`].
+    pub fn require_in_place(&self) -> Result<(), TrainError> {
+        let identity = |metadata: std::fs::Metadata| (metadata.dev(), metadata.ino());
+        let held = self.lock_file.metadata().map(identity).ok();
+        let found = std::fs::metadata(self.file(LOCK)).map(identity).ok();
+        if held.is_some() && held == found { Ok(()) } else { Err(TrainError::Moved { path: self.path.clone() }) }
     }
 
     /// Returns the directory.

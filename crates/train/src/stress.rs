@@ -19,7 +19,7 @@ use crate::error::TrainError;
 use crate::evaluation::{EvaluationStream, Tally, evaluation_job};
 use crate::finished::FinishedRun;
 use crate::json_file;
-use crate::rollout::{EpisodeJob, WorkerPool};
+use crate::rollout::{EpisodeJob, Workers};
 
 const FRICTIONS: [f64; 3] = [1.0, 0.7, 0.5];
 const MASSES: [f64; 2] = [2.0, 5.0];
@@ -236,14 +236,14 @@ impl FinishedRun {
         &self,
         episodes: u64,
         seed: u64,
-        workers: usize,
+        workers: impl Into<Workers>,
         mut each: impl FnMut(&StressRow),
     ) -> Result<Stress, TrainError> {
-        let own = self.config.setting();
+        let (own, workers) = (self.config.setting(), workers.into());
         let mut rows = Vec::new();
         for case in cases(&own) {
             let task = self.task_in(&own, &case)?;
-            let mut pool = WorkerPool::new(&task, workers)?;
+            let mut pool = workers.start(&task)?;
             pool.submit((0..episodes).map(|index| EpisodeJob {
                 disturbance: case.disturbance,
                 ..evaluation_job(&task, &self.policy, seed, EvaluationStream::Separate, index)

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
+use eigenhand_files::sync_directory;
 use eigenhand_rl::{ActorChoice, Batch, Ddpg, ExplorationConfig, Policy, Replay, rng, sample_batch};
 use eigenhand_sim::GraspTask;
 use eigenhand_synergy::Synergy;
@@ -15,24 +16,24 @@ use rayon::ThreadPool;
 
 use crate::action_space::Outputs;
 use crate::actuators::HandActuators;
-use crate::assignment::Assignment;
-use crate::checkpoint::{Checkpoints, Restored};
-use crate::config::{EvaluationConfig, RunConfig, SynergyConfig};
+use crate::assignment::{Assignment, dimensions};
+use crate::checkpoint::{Checkpoints, Opened, Restored};
+use crate::config::{RunConfig, SynergyConfig};
 use crate::control::Control;
-use crate::counters::{Counters, UpdateSums};
-use crate::drive::Driver;
+use crate::counters::Counters;
+use crate::divergence::Divergence;
 use crate::error::TrainError;
-use crate::evaluation::EvaluationStream;
 use crate::exploration::exploration_of;
 use crate::feedback::GraspReward;
-use crate::finalists::{Finalist, Finalists};
+use crate::finalists::Finalists;
 use crate::journal::Journal;
-use crate::metrics::{MetricsRow, TRUSTED};
+use crate::metrics::{MetricsFile, TRUSTED};
 use crate::motion::motions;
 use crate::postures::Postures;
 use crate::progress::{Progress, Status};
 use crate::rollout::{Behaviour, Episode, EpisodeJob, WorkerPool, episode_shape};
 use crate::schedule::turn;
+use crate::speed::Speed;
 use crate::threads::learning_threads;
 
 /// A training run.
@@ -48,9 +49,12 @@ pub struct Trainer {
     pub(crate) postures: Postures,
     pub(crate) control: Control,
     checkpoints: Checkpoints,
-    journal: Journal,
+    pub(crate) journal: Journal,
     pub(crate) counters: Counters,
     pub(crate) finalists: Finalists,
+    divergence: Divergence,
+    /// What was found when the run was opened.
+    notes: Vec<String>,
     /// Wall time of the run before this process resumed it, in s.
     wall_before: f64,
     started: Instant,
@@ -62,14 +66,22 @@ impl Trainer {
     /// # Errors
     /// The first fault of the configuration, the hand or the directory.
     pub fn create(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, hand, task, run, .. } = &assignment;
-        let control = Control::new(config, HandActuators::of(hand, task));
+        let Assignment { config, hand, task, run, start, .. } = &assignment;
+        let mut control = Control::new(config, HandActuators::of(hand, task));
+        let mut counters = Counters::default();
+        if let Some(start) = start {
+            control.settle_on(0, start.motions.clone())?;
+            counters.settled_at = control.settled_at();
+        }
         let postures = Postures::open(run, config, task, &control.actuators)?;
         let outputs = outputs(&assignment, &control)?;
         let mut random = rng::stream(config.seed, "init", 0);
-        let learner = Ddpg::new(config.learner.clone(), assignment.dimensions(outputs.as_ref()), &mut random)?;
+        let learner = match start.as_ref().and_then(|start| start.learner.clone()) {
+            None => Ddpg::new(config.learner.clone(), dimensions(task, outputs.as_ref()), &mut random)?,
+            Some(learner) => learner,
+        };
         let checkpoints = Checkpoints::create(run.path(), config.training.checkpoints_kept)?;
-        Trainer::assemble(assignment, learner, outputs, postures, control, checkpoints, Counters::default())
+        Trainer::assemble(assignment, learner, outputs, postures, control, checkpoints, counters)
     }
 
     /// Continues the run in a directory from its newest checkpoint, as if it had not stopped.
@@ -77,20 +89,30 @@ impl Trainer {
     /// # Errors
     /// [`TrainError::Damaged`] for a damaged file of the checkpoint, and the errors of [`create`](Self::create).
     pub fn resume(assignment: Assignment) -> Result<Trainer, TrainError> {
-        let Assignment { config, hand, task, run, .. } = &assignment;
-        let (checkpoints, restored) =
-            Checkpoints::open(run.path(), config.training.checkpoints_kept, &config.learner.normalizer)?;
-        let Restored { counters, learner, finalists, episodes } = restored;
+        let Assignment { config, hand, task, run, start, .. } = &assignment;
+        let (kept, normalizer) = (config.training.checkpoints_kept, &config.learner.normalizer);
+        let agrees = |counters: &Counters| {
+            Postures::check(run, counters)?;
+            Journal::lost(run, counters)
+        };
+        let Opened { checkpoints, restored, notes } = Checkpoints::open(run.path(), kept, normalizer, agrees)?;
+        let Restored { mut counters, learner, finalists, episodes } = restored;
+        counters.metrics_rows = MetricsFile::rows_up_to(run.path(), counters.episodes)?;
         let mut control = Control::new(config, HandActuators::of(hand, task));
         let mut postures = Postures::open(run, config, task, &control.actuators)?;
-        control.add(postures.restore(run, counters.episodes, counters.postures)?);
-        counters.settled_at.map_or(Ok(()), |episode| control.settle(episode))?;
+        control.add(postures.restore(counters.episodes)?);
+        match (counters.settled_at, start) {
+            (Some(0), Some(start)) => control.settle_on(0, start.motions.clone())?,
+            (Some(episode), _) => control.settle(episode)?,
+            (None, _) => {}
+        }
         let outputs = outputs(&assignment, &control)?;
-        let learner = Ddpg::from_tensors(config.learner.clone(), assignment.dimensions(outputs.as_ref()), &learner)?;
+        let learner = Ddpg::from_tensors(config.learner.clone(), dimensions(task, outputs.as_ref()), &learner)?;
         let mut trainer = Trainer::assemble(assignment, learner, outputs, postures, control, checkpoints, counters)?;
         episodes.into_iter().try_for_each(|episode| trainer.replay.push(episode))?;
         trainer.finalists = Finalists::new(finalists);
         trainer.refit()?;
+        trainer.notes = notes;
         Ok(trainer)
     }
 
@@ -124,6 +146,8 @@ impl Trainer {
             wall_before: counters.wall_s,
             counters,
             finalists: Finalists::default(),
+            divergence: Divergence::default(),
+            notes: Vec::new(),
             started: Instant::now(),
             assignment,
             learner,
@@ -137,16 +161,30 @@ impl Trainer {
     /// The error that stopped the run; the newest checkpoint stays valid.
     pub(crate) fn train(&mut self, stop: &AtomicBool, progress: &mut dyn Progress) -> Result<(), TrainError> {
         self.started = Instant::now();
+        self.notes.drain(..).for_each(|note| progress.warn(&note));
         let mut saved_at = self.counters.episodes;
         progress.update(&self.status(0.0));
-        if self.counters.episodes == 0 {
+        let begins = self.counters.episodes == 0;
+        if begins && self.assignment.start.is_some() && self.counters.last_evaluation.is_none() {
+            // What the networks can do already; if the training makes nothing better of them, they are the result.
+            self.counters.evaluation_due = true;
+        }
+        if self.counters.evaluation_due {
+            self.evaluate_unless(stop, progress)?;
+        }
+        if begins || self.counters.evaluation_due {
             // With this checkpoint, a run that is killed early can be resumed too.
             self.save()?;
+        }
+        if self.counters.evaluation_due {
+            progress.note("interrupted: everything is saved");
+            return Ok(());
         }
         let mut submitted = self.submit(self.counters.episodes)?;
         // A checkpoint holds a cycle's episodes but not yet the updates for them, so a resumed run starts with these.
         self.learn()?;
         let RunConfig { training, evaluation, episodes: total, .. } = &self.assignment.config;
+        let mut speed = Speed::default();
         let (total, evaluate_every, save_every) = (*total, evaluation.every, training.checkpoint_every);
         while self.counters.episodes < total {
             let (cycle_started, first_step) = (Instant::now(), self.counters.env_steps);
@@ -158,7 +196,7 @@ impl Trainer {
             let done = self.counters.episodes;
             let crossed = |every: u64| previous / every != done / every || done == total;
             if crossed(evaluate_every) {
-                self.evaluate(progress)?;
+                self.evaluate_unless(stop, progress)?;
             }
             let interrupted = stop.load(Ordering::Relaxed);
             if crossed(save_every) || interrupted {
@@ -171,8 +209,8 @@ impl Trainer {
             }
             submitted = self.submit(submitted)?;
             self.learn()?;
-            let seconds = cycle_started.elapsed().as_secs_f64();
-            progress.update(&self.status((self.counters.env_steps - first_step) as f64 / seconds));
+            let steps = self.counters.env_steps - first_step;
+            progress.update(&self.status(speed.after(steps as f64, cycle_started.elapsed().as_secs_f64())));
         }
         if saved_at != self.counters.episodes {
             self.save()?;
@@ -198,7 +236,8 @@ impl Trainer {
         let attempts = closes && training.has_attempts(held_steps);
         let behaviour = |index: u64| {
             let exploration = Arc::clone(&exploration);
-            if index < training.warmup_episodes {
+            // Networks that are trained already need no random actions to begin with.
+            if index < training.warmup_episodes && config.from.is_empty() {
                 Behaviour::Warmup(exploration)
             } else if closes && training.attempts(index, held_steps) {
                 Behaviour::Attempt(exploration)
@@ -233,8 +272,12 @@ impl Trainer {
         let motions = motions(&episodes, &self.control.actuators, task);
         let stored = self.postures.store(&episodes, task, &motions)?;
         self.control.add(motions);
+        let mut diverges = Ok(());
         for episode in episodes {
             self.counters.count(&episode, config.training.updates_per_episode);
+            if diverges.is_ok() {
+                diverges = self.divergence.add(&episode, &self.assignment);
+            }
             if episode.diverged {
                 tracing::warn!(episode = episode.index, "the simulation diverged; the episode is discarded");
                 continue;
@@ -248,7 +291,10 @@ impl Trainer {
         if stored > 0 {
             self.refit()?;
         }
-        Ok(())
+        if diverges.is_err() {
+            self.save()?;
+        }
+        diverges
     }
 
     /// Computes the synergy of the postures so far, and updates its feedback into the reward.
@@ -267,9 +313,8 @@ impl Trainer {
             self.counters.settled_at = self.control.settled_at();
             let Some(outputs) = outputs(&self.assignment, &self.control)? else { return Ok(()) };
             let Assignment { config, hand, task, .. } = &self.assignment;
-            let (dimensions, mut random) =
-                (self.assignment.dimensions(Some(&outputs)), rng::stream(config.seed, "init", 1));
-            self.learner = self.learner.begin_anew(dimensions, &mut random)?;
+            let mut random = rng::stream(config.seed, "init", 1);
+            self.learner = self.learner.begin_anew(dimensions(task, Some(&outputs)), &mut random)?;
             self.exploration = exploration_of(config, hand, task, Some(&outputs))?;
             self.learner.set_numbers(outputs.numbers);
             progress.note(&format!(
@@ -315,69 +360,19 @@ impl Trainer {
         episode as f64 / self.assignment.config.episodes as f64
     }
 
-    fn evaluate(&mut self, progress: &mut dyn Progress) -> Result<(), TrainError> {
-        let EvaluationConfig { actor, episodes, finalists, .. } = self.assignment.config.evaluation;
-        let policy = self.learner.policy(actor);
-        let evaluation = self.evaluate_policy(&policy, EvaluationStream::Periodic, episodes)?;
-        let success_rate = evaluation.success_rate();
-        let driven = self.success_with_components(&policy, success_rate)?;
-        self.counters.last_evaluation = Some(success_rate);
-        if let Some(settled_at) = self.counters.settled_at {
-            // Policies that do not act in the settled space do not compete.
-            self.finalists.retain(|finalist| finalist.episode >= settled_at);
-        }
-        let finalist = Finalist { success_rate, episode: self.counters.episodes, policy };
-        self.finalists.enter(finalist, finalists);
-        let components = self.assignment.config.synergy.components.min(self.postures.joints().len());
-        let row = MetricsRow::of(
-            &self.counters,
-            &evaluation,
-            driven.map(|(_, rate)| rate),
-            self.reward.feedback.synergy(),
-            components,
-        );
-        self.journal.append(&row)?;
-        let driven = driven.map_or_else(String::new, |(k, rate)| format!(", with {k} numbers {:.1} %", 100.0 * rate));
-        progress.note(&format!("episode {}: {evaluation}{driven}", self.counters.episodes));
-        self.counters.sums = UpdateSums::default();
-        Ok(())
-    }
-
-    /// Measures the success of a policy with as many components as the control synergy has. Returns both numbers; none
-    /// while there is no such synergy.
-    fn success_with_components(
-        &mut self,
-        policy: &Policy,
-        success_rate: f64,
-    ) -> Result<Option<(usize, f64)>, TrainError> {
-        let episode = self.counters.episodes;
-        let Some(space) = self.control.space(episode)? else { return Ok(None) };
-        let Assignment { config, task, .. } = &self.assignment;
-        if self.control.is_confined() {
-            // The projection changes nothing.
-            return Ok(Some((space.n_components(), success_rate)));
-        }
-        let driver = Driver {
-            task,
-            policy,
-            actuators: &self.control.actuators,
-            space: &space,
-            numbers: config.synergy.components,
-
-            free_steps: 0,
-        };
-        let (stream, k) = (EvaluationStream::Periodic, space.n_components());
-        let driven = driver.measure(&mut self.pool, k, config.seed, stream, config.evaluation.episodes, false)?;
-        Ok(Some((k, driven.success_rate)))
-    }
-
     fn status(&self, steps_per_s: f64) -> Status {
         let trusted = self.counters.last_evaluation.is_some_and(|success| success >= TRUSTED);
         let contribution_sum = self.reward.feedback.synergy().filter(|_| trusted).map(Synergy::contribution_sum);
         self.counters.status(self.assignment.config.episodes, contribution_sum, steps_per_s)
     }
 
+    /// Writes a checkpoint. The disk has everything that it counts before it has the checkpoint.
     fn save(&mut self) -> Result<(), TrainError> {
+        self.assignment.run.require_in_place()?;
+        self.postures.sync()?;
+        self.counters.postures_sha256 = self.postures.sha256()?;
+        self.journal.sync()?;
+        sync_directory(self.assignment.run.path())?;
         self.checkpoints.save(&self.counters, &self.learner.to_tensors(), self.finalists.list())
     }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use anyhow::{Context, bail};
+use eigenhand_train::say;
 
 use super::PREVENTION;
 
@@ -43,16 +44,16 @@ pub(super) fn install() -> anyhow::Result<bool> {
         Privilege::Root => "",
         Privilege::Sudo | Privilege::SudoAsking => "sudo ",
     };
-    eprintln!("MuJoCo is missing. Installing Debian's package {PACKAGE} with:");
+    say!("MuJoCo is missing. Installing Debian's package {PACKAGE} with:");
     if !known {
-        eprintln!("  {prefix}apt-get update");
+        say!("  {prefix}apt-get update");
     }
-    eprintln!("  {prefix}{}", install_line());
-    eprintln!("{PREVENTION}");
+    say!("  {prefix}{}", install_line());
+    say!("{PREVENTION}");
     if !known {
         apt(privilege, &["update"])?;
         if !has_candidate() {
-            eprintln!("apt does not offer the package: it is part of Debian 12 (bookworm), section main");
+            say!("apt does not offer the package: it is part of Debian 12 (bookworm), section main");
             return Ok(false);
         }
     }
@@ -60,7 +61,7 @@ pub(super) fn install() -> anyhow::Result<bool> {
     match apt(privilege, &install) {
         Err(_) if known => {
             // Old package lists name files that no longer exist.
-            eprintln!("this failed; trying again with new package lists:");
+            say!("this failed; trying again with new package lists:");
             apt(privilege, &["update"])?;
             apt(privilege, &install)
         }

@@ -8,6 +8,7 @@ use std::time::Duration;
 use anyhow::{Context, bail};
 use eigenhand_files::{cannot, create_directory, sha256};
 use eigenhand_mujoco::{LIBRARY_FILE, LIBRARY_VARIABLE, fetched_library};
+use eigenhand_train::say;
 use ureq::tls::{RootCerts, TlsConfig};
 
 use super::PREVENTION;
@@ -61,9 +62,9 @@ pub(super) fn fetch() -> anyhow::Result<bool> {
     let Some(wheel) = WHEELS.iter().find(|wheel| wheel.system == system) else { return Ok(false) };
     let library = fetched_library().context("there is no home directory for MuJoCo; set HOME")?;
     let url = format!("{HOST}{}", wheel.path);
-    eprintln!("MuJoCo is missing. Fetching MuJoCo 2.2.2 (4 MB) from PyPI into the user's cache:");
-    eprintln!("  {url}\n  -> {}", library.display());
-    eprintln!("{PREVENTION}");
+    say!("MuJoCo is missing. Fetching MuJoCo 2.2.2 (4 MB) from PyPI into the user's cache:");
+    say!("  {url}\n  -> {}", library.display());
+    say!("{PREVENTION}");
     let bytes = download(&url).with_context(|| {
         format!(
             "cannot fetch {url}; to use a library of your own, set {LIBRARY_VARIABLE} to the path of its {LIBRARY_FILE}"

@@ -7,6 +7,7 @@ use eigenhand_synergy::{Compared, Comparison};
 use serde::Serialize;
 
 use super::source::{Source, SpaceName, kind_of};
+use crate::numbers::{LARGEST, whole};
 use crate::output::{Outcome, percent, print, print_json, table};
 
 /// Joints that only one synergy has are named up to this many.
@@ -24,8 +25,8 @@ pub(super) struct Args {
     #[arg(long, value_enum)]
     space: Option<SpaceName>,
     /// Number of components of each that count, beginning with the first [default: all]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    components: Option<u64>,
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=LARGEST))]
+    components: Option<usize>,
     /// Prints one JSON document on standard output, with angles in rad
     #[arg(long)]
     json: bool,
@@ -51,11 +52,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
             kind_of(b)
         );
     }
-    let first = |source: &Source| {
-        let most = args.components.map_or(usize::MAX, |k| usize::try_from(k).unwrap_or(usize::MAX));
-        source.file.synergy.first(most)
-    };
-    let [a, b] = [first(&sources[0]), first(&sources[1])];
+    let first = |source: &Source| source.first(args.components);
+    let [a, b] = [first(&sources[0])?, first(&sources[1])?];
     let compared = |i: usize, synergy| Compared { synergy, samples: sources[i].samples.as_deref() };
     let comparison = Comparison::of(compared(0, &a), compared(1, &b))?;
     if args.json {

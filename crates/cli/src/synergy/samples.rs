@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail};
 use eigenhand_hands::Hand;
 use eigenhand_synergy::{JointInfo, PostureDatabase, Space, Unit, read_matrix};
-use eigenhand_train::DATABASE;
+use eigenhand_train::{DATABASE, say};
 use serde::Deserialize;
 
 /// Rows of numbers, one for each coordinate.
@@ -28,6 +28,8 @@ pub(super) struct Sample {
     pub(super) object: String,
     /// For a command: the posture that was measured with it, in the order of the joints.
     pub(super) posture: Vec<f64>,
+    /// The grasp of which it is part, or the part of its table.
+    pub(super) group: u64,
 }
 
 /// What is taken of a source.
@@ -43,6 +45,9 @@ pub(super) struct Wanted<'a> {
 
 /// A column may leave a joint's limits by this share of their range, and by this much (rad or m): sensors are not exact.
 const BEYOND: [f64; 2] = [0.2, 0.05];
+
+/// Parts of a table that count as grasps of their own: it does not tell where a grasp begins.
+const PARTS: usize = 100;
 
 /// How the columns of a table become coordinates.
 #[derive(Debug, Default, Deserialize)]
@@ -98,7 +103,7 @@ impl Samples {
         for source in sources {
             let next = of_source(source, wanted, &mut seen)?;
             if next.rows.is_empty() {
-                eprintln!("note: {} has no sample that counts", source.display());
+                say!("note: {} has no sample that counts", source.display());
             }
             match &mut all {
                 None => all = Some(next),
@@ -126,9 +131,12 @@ impl Samples {
         if names(&self.joints) != names(&other.joints) {
             self.joints.clear();
         }
-        self.rows.extend(
-            other.rows.into_iter().map(|row| Sample { values: order.iter().map(|&i| row.values[i]).collect(), ..row }),
-        );
+        let next_group = self.rows.iter().map(|row| row.group + 1).max().unwrap_or(0);
+        self.rows.extend(other.rows.into_iter().map(|row| Sample {
+            values: order.iter().map(|&i| row.values[i]).collect(),
+            group: next_group + row.group,
+            ..row
+        }));
         Ok(())
     }
 
@@ -211,6 +219,12 @@ fn of_source(source: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Res
 }
 
 fn of_database(path: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Result<Samples> {
+    if !path.exists() {
+        bail!(
+            "{} does not exist: give a run directory, a database of postures, or a table (.csv, .npy)",
+            path.display()
+        );
+    }
     let database = PostureDatabase::open_existing(path)?;
     let mut is_wanted = |object: &str, episode: u64| {
         seen.objects.insert(object.to_owned());
@@ -225,6 +239,7 @@ fn of_database(path: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Res
                 values: step.command,
                 object: step.object,
                 posture: step.posture,
+                group: step.episode,
             };
             Samples { coordinates: database.actuators().to_vec(), rows: motions.map(sample).collect(), joints }
         }
@@ -237,6 +252,7 @@ fn of_database(path: &Path, wanted: &Wanted<'_>, seen: &mut Seen) -> anyhow::Res
                 values: record.posture,
                 object: record.object,
                 posture: Vec::new(),
+                group: record.episode,
             };
             Samples { coordinates: joints, rows: records.map(sample).collect(), joints: Vec::new() }
         }
@@ -317,12 +333,14 @@ fn of_table((names, rows): &Table, path: &Path, wanted: &Wanted<'_>, seen: &mut 
         let (factor, offset) = column.map_or((1.0, 0.0), |column| (column.factor, column.offset));
         columns.push((i, factor, offset));
     }
-    let sample = |row: &Vec<f64>| Sample {
+    let sample = |(i, row): (usize, &Vec<f64>)| Sample {
         values: columns.iter().map(|&(i, factor, offset)| factor * row[i] + offset).collect(),
         object: String::new(),
         posture: Vec::new(),
+        // Rows that follow one another may be of one motion.
+        group: (i * PARTS / rows.len()) as u64,
     };
-    let rows: Vec<Sample> = rows.iter().map(sample).collect();
+    let rows: Vec<Sample> = rows.iter().enumerate().map(sample).collect();
     for (j, joint) in coordinates.iter().enumerate() {
         let room = BEYOND[0] * (joint.upper - joint.lower) + BEYOND[1];
         let outside = |row: &&Sample| row.values[j] < joint.lower - room || row.values[j] > joint.upper + room;
@@ -375,8 +393,12 @@ mod tests {
 
     #[test]
     fn each_object_counts_the_same() {
-        let sample =
-            |object: &str, value: f64| Sample { values: vec![value], object: object.to_owned(), posture: Vec::new() };
+        let sample = |object: &str, value: f64| Sample {
+            values: vec![value],
+            object: object.to_owned(),
+            posture: Vec::new(),
+            group: 0,
+        };
         let rows = vec![
             sample("a", 1.0),
             sample("a", 2.0),

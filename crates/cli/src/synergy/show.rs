@@ -3,13 +3,16 @@
 use std::path::PathBuf;
 
 use eigenhand_explore::Words;
-use eigenhand_hands::Registry;
+use eigenhand_train::{hand_named, is_run, read_config, say};
 use serde::Serialize;
 
 use super::source::{Source, SpaceName};
+use crate::numbers::{LARGEST, whole};
 use crate::output::{Outcome, percent, print, print_json, table_left};
 use crate::search_path;
 
+/// Components that are shown unless another number is asked for.
+const SHOWN: usize = 5;
 /// Widest bar of a loading, in characters.
 const BAR: usize = 5;
 
@@ -22,8 +25,8 @@ pub(super) struct Args {
     #[arg(long, value_enum)]
     space: Option<SpaceName>,
     /// Number of components to show, beginning with the first [default: 5, or all if there are fewer]
-    #[arg(long, value_name = "N", default_value_t = 5, hide_default_value = true, value_parser = clap::value_parser!(u64).range(1..))]
-    components: u64,
+    #[arg(long, value_name = "N", value_parser = whole::<usize>(1..=LARGEST))]
+    components: Option<usize>,
     /// Additional directory of hands; can be given several times
     #[arg(long, value_name = "DIR")]
     plugins: Vec<PathBuf>,
@@ -57,9 +60,10 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
     let source = Source::read(&args.source, args.space)?;
     let synergy = &source.file.synergy;
     let names: Vec<&str> = synergy.joints().iter().map(|joint| joint.name.as_str()).collect();
-    let hand = Registry::discover(&search_path(&args.plugins)).and_then(|registry| registry.get(&source.file.hand));
-    let words = hand.map(|hand| Words::of(&hand, source.file.space));
-    let shown = usize::try_from(args.components).unwrap_or(usize::MAX).min(synergy.n_components());
+    // A run says where its hand is, which may have no place among the others.
+    let named = if is_run(&args.source) { read_config(&args.source)?.hand } else { source.file.hand.clone() };
+    let words = hand_named(&named, &search_path(&args.plugins)).map(|hand| Words::of(&hand, source.file.space));
+    let shown = source.first(Some(args.components.unwrap_or(SHOWN.min(synergy.n_components()))))?.n_components();
     let component = |i: usize| Component {
         contribution: synergy.contribution()[i],
         coefficient_min: synergy.coefficient_min()[i],
@@ -81,7 +85,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<Outcome> {
         print(&text(&source, &found))?;
     }
     if let Err(error) = words {
-        eprintln!("note: without the hand, nothing is said in words: {error}");
+        say!("note: without the hand, nothing is said in words: {error}");
     }
     Ok(Outcome::Done)
 }

@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::bundled::{synergies, synergy_at};
 use anyhow::bail;
-use eigenhand_synergy::{Import, Space, SynergyFile, import};
+use eigenhand_synergy::{Import, Space, Synergy, SynergyFile, import};
 use eigenhand_train::{POSTURE_SYNERGY, SYNERGY};
 
 /// The file of a synergy in its directory, and an array that lies beside it where the samples do too.
@@ -56,6 +57,8 @@ impl Source {
     /// Reads the synergy at `path`: a file, its directory, or a run or an export, which hold one for each space. Without
     /// `space`, it takes the control synergy of a run.
     pub(crate) fn read(path: &Path, space: Option<SpaceName>) -> anyhow::Result<Source> {
+        let given = path;
+        let path = &synergy_at(given)?;
         let of_run = space.unwrap_or(SpaceName::Commands).directory();
         let (file, samples) = if path.is_file() {
             match path.parent().filter(|parent| path.ends_with(FILE) && parent.join(BESIDE).exists()) {
@@ -73,7 +76,11 @@ impl Source {
                 path.display()
             );
         } else {
-            bail!("{} does not exist: give a run directory, an export, or a {FILE}", path.display());
+            bail!(
+                "{} does not exist: give a run directory, an export, a {FILE}, or the name of a ready synergy ({})",
+                path.display(),
+                synergies().join(", ")
+            );
         };
         if space.is_some_and(|space| space.of() != file.space) {
             bail!(
@@ -82,7 +89,19 @@ impl Source {
                 kind_of(file.space)
             );
         }
-        Ok(Source { path: path.to_owned(), file, samples })
+        Ok(Source { path: given.to_owned(), file, samples })
+    }
+
+    /// Returns the space of the first `components`, or of all.
+    pub(crate) fn first(&self, components: Option<usize>) -> anyhow::Result<Synergy> {
+        let synergy = &self.file.synergy;
+        let n = synergy.n_components();
+        match components {
+            Some(k) if k > n => {
+                bail!("--components {k}: {} has {n} components", self.path.display())
+            }
+            asked => Ok(synergy.first(asked.unwrap_or(n))),
+        }
     }
 
     /// Returns what one sample is.

@@ -6,7 +6,7 @@ use eigenhand_synergy::{JointInfo, MotionRecord, PostureDatabase, Unit};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use super::{FAILURE, USAGE, assert_error, json, run, stderr};
+use super::{FAILURE, USAGE, assert_error, gripper, json, run, stderr};
 
 /// A synergy of the repository, of a hand that it has.
 fn ready() -> String {
@@ -29,6 +29,12 @@ fn a_synergy_is_shown_with_bars_and_words() {
     let length: f64 = loadings.iter().map(|loading| loading[1].as_f64().unwrap().powi(2)).sum();
     assert!((length - 1.0).abs() < 1e-9 && component["words"].as_str().unwrap().contains("closes"), "{component}");
     let place = TempDir::new().unwrap();
+    let list = json(&run(&["synergy", "list", "--json"]));
+    let named = list.as_array().unwrap().iter().find(|one| one["hand"] == "shadow").unwrap()["name"].as_str().unwrap();
+    assert_eq!(json(&run(&["synergy", "show", named, "--json"])), found, "a ready synergy is found by its name");
+    assert_error(&run(&["synergy", "show", named, "--components", "9"]), FAILURE, &["--components 9", "5 components"]);
+    let compare = run(&["synergy", "compare", named, named, "--components", "6"]);
+    assert_error(&compare, FAILURE, &["--components 6", "5 components"]);
     let missing = place.path().join("nothing").display().to_string();
     assert_error(&run(&["synergy", "show", &missing]), FAILURE, &["does not exist", "run directory"]);
     assert_error(&run(&["synergy", "show", &place.path().display().to_string()]), FAILURE, &["holds no synergy"]);
@@ -174,4 +180,120 @@ fn a_page_is_written_for_a_synergy_and_its_hand() {
     assert_error(&error, FAILURE, &["no joint map"]);
     assert_error(&explore(&path("commands"), &["--out", &path("x")]), USAGE, &["--hand"]);
     assert!(!Path::new(&path("x")).exists());
+}
+
+#[test]
+fn reducers_are_compared_on_grasps_that_they_have_not_seen() {
+    let place = TempDir::new().unwrap();
+    let path = place.path().join("postures.sqlite").display().to_string();
+    database(Path::new(&path));
+    let reducers = |more: &[&str]| run(&[&["synergy", "reducers", &path], more].concat());
+    let found = json(&reducers(&["--components", "1,2", "--folds", "3", "--json"]));
+    let results = found["reconstructions"].as_array().unwrap();
+    let names: Vec<&str> = results.iter().map(|result| result["reducer"].as_str().unwrap()).collect();
+    assert_eq!(names, ["pca", "ppca", "autoencoder", "pca", "ppca", "autoencoder"]);
+    let shares: Vec<f64> = results.iter().map(|result| result["share"].as_f64().unwrap()).collect();
+    assert!(shares[0] > 0.9 && shares[0] < 0.9999 && shares[3] > 1.0 - 1e-9, "{shares:?}");
+    assert!(results[1]["log_density"].is_f64() && results[0]["log_density"].is_null(), "{found}");
+    let table =
+        String::from_utf8(reducers(&["--components", "1", "--reducers", "pca", "--folds", "3"]).stdout).unwrap();
+    assert!(table.contains("60 samples of 2 coordinates in 3 parts") && !table.contains("ppca"), "{table}");
+    assert_error(&reducers(&["--components", "3"]), FAILURE, &["2 coordinates", "1 to 2"]);
+    assert_error(&reducers(&["--reducers", "magic"]), USAGE, &["magic", "autoencoder"]);
+    // There are six grasps.
+    assert_error(&reducers(&["--folds", "7"]), FAILURE, &["7", "6"]);
+}
+
+/// Analyses the policy's postures of some databases, and returns how many there are and the angles of their principal space
+/// to the rows of a fit; and the angles between the rows of pairs of matrices.
+const SCIPY: &str = r#"
+import json, sqlite3, sys
+import numpy as np
+from scipy.linalg import subspace_angles
+asked = json.load(open(sys.argv[1]))
+postures = []
+for path in asked["databases"]:
+    with sqlite3.connect(path) as database:
+        names = [name for (name,) in database.execute("select column_name from joint order by position")]
+        columns = ", ".join('"%s"' % name for name in names)
+        postures += database.execute(f"select {columns} from posture where source != 'script'").fetchall()
+postures, fit = np.array(postures), np.array(asked["fit"])
+main = np.linalg.svd(postures - postures.mean(axis=0))[2][: len(fit)]
+pairs = [[main, fit]] + [[np.array(a), np.array(b)] for a, b in asked["pairs"]]
+angles = [sorted(map(float, subspace_angles(a.T, b.T))) for a, b in pairs]
+print(json.dumps({"samples": len(postures), "angles": angles}))
+"#;
+
+/// A synergy that three runs give together, and how far that of another lambda and that of a foreign table are from it.
+#[test]
+fn spaces_of_runs_are_as_far_apart_as_scipy_says() {
+    if !super::python_has("scipy") {
+        return;
+    }
+    let place = TempDir::new().unwrap();
+    let path = |name: &str| place.path().join(name).display().to_string();
+    let hand = super::write_gripper(place.path());
+    let train = |seed: &str, lambda: &str| {
+        let out = path(&format!("l{lambda}-s{seed}"));
+        let settings = [&gripper::LONGER[..], &["episodes=80"]].concat();
+        let mut arguments = super::gripper_run(&hand, Path::new(&out), &settings);
+        arguments.extend(["--seed", seed, "--lambda", lambda].map(str::to_owned));
+        let output = super::eigenhand().args(&arguments).output().unwrap();
+        assert!(output.status.success(), "{}", stderr(&output));
+        out
+    };
+    let seeds = ["1", "2", "3"].map(|seed| train(seed, "1"));
+    let free = train("1", "0");
+    let fit = |sources: &[&str], more: &[&str]| {
+        let arguments = [&["synergy", "fit"], sources, &["--space", "postures", "--json"], more].concat();
+        json(&run(&arguments))["samples"].as_u64().unwrap()
+    };
+    let (three, foreign) = (path("three"), path("foreign"));
+    let samples = fit(&seeds.each_ref().map(String::as_str), &["--components", "2", "--out", &three]);
+    // The slide, two coupled fingers and the vane: three of the four joints move by themselves.
+    let arguments = ["synergy", "fit", &seeds[0], "--space", "postures", "--components", "4", "--out", &path("four")];
+    assert_error(&run(&arguments), FAILURE, &["--components 4", "at most 3"]);
+    // Two of the joints as someone else measured them: with other names, in another order, one in degrees.
+    std::fs::write(path("foreign.csv"), "vane,grip\n-20,0.01\n10,0.02\n30,0.05\n5,0.03\n").unwrap();
+    let map =
+        "columns.vane = { joint = \"vane_joint\", factor = 0.0174533 }\ncolumns.grip = { joint = \"left_joint\" }\n";
+    std::fs::write(path("names.toml"), map).unwrap();
+    fit(&[&path("foreign.csv")], &["--map", &path("names.toml"), "--components", "1", "--out", &foreign]);
+
+    // (source, joints) => rows of its components, in these joints
+    let rows = |source: &str, joints: Option<&Value>| -> Vec<Vec<f64>> {
+        let shown = json(&run(&["synergy", "show", source, "--space", "postures", "--json"]));
+        let row = |component: &Value| {
+            let loadings: Vec<(String, f64)> = serde_json::from_value(component["loadings"].clone()).unwrap();
+            let of = |name: &str| loadings.iter().find(|(known, _)| known == name).unwrap().1;
+            match joints {
+                None => loadings.iter().map(|(_, loading)| *loading).collect(),
+                Some(joints) => joints.as_array().unwrap().iter().map(|name| of(name.as_str().unwrap())).collect(),
+            }
+        };
+        shown["components"].as_array().unwrap().iter().map(row).collect()
+    };
+    let mut pairs = Vec::new();
+    let mut found = Vec::new();
+    for (a, b) in [(&three, &free), (&seeds[0], &free), (&three, &foreign)] {
+        let compared = json(&run(&["synergy", "compare", a, b, "--space", "postures", "--json"]));
+        pairs.push([rows(a, Some(&compared["joints"])), rows(b, Some(&compared["joints"]))]);
+        found.push(numbers(&compared["angles"]));
+    }
+    assert_eq!(found.iter().map(Vec::len).collect::<Vec<_>>(), [2, 2, 1]);
+    let databases: Vec<String> = seeds.iter().map(|run| format!("{run}/postures.sqlite")).collect();
+    let asked = serde_json::json!({ "databases": databases, "fit": rows(&three, None), "pairs": pairs });
+    std::fs::write(path("asked.json"), asked.to_string()).unwrap();
+    let output = super::python().args(["-c", SCIPY, &path("asked.json")]).output().unwrap();
+    let expected = json(&output);
+    assert_eq!(expected["samples"].as_u64(), Some(samples));
+    let angles: Vec<Vec<f64>> = serde_json::from_value(expected["angles"].clone()).unwrap();
+    assert!(angles[0].iter().all(|angle| *angle < 1e-6), "the fit is the analysis of all postures: {angles:?}");
+    for (found, expected) in found.iter().zip(&angles[1..]) {
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-7), "{found:?} {expected:?}");
+    }
+    assert!(
+        found.iter().all(|angles| angles[0] < 1.5) && found[0][1] > 1e-3,
+        "they share something, not all: {found:?}"
+    );
 }

@@ -111,7 +111,8 @@
       if (dot(n, eye) < 0.0) n = -n;
       float key = max(dot(n, normalize(eye + vec3(0.0, 0.0, 0.9))), 0.0);
       float fill = 0.5 + 0.5 * n.z;
-      gl_FragColor = vec4(colour * (0.36 + 0.6 * key + 0.2 * fill), 1.0);
+      float table = max(-n.z, 0.0);
+      gl_FragColor = vec4(colour * (0.36 + 0.6 * key + 0.2 * fill + 0.25 * table), 1.0);
     }`;
 
   const canvas = byId("view");
@@ -214,12 +215,10 @@
     gl.uniformMatrix4fv(scene.uniform.view, false, columns);
     gl.uniform3fv(scene.uniform.eye, eye);
     const aside = (side) => right.map((x) => x * side * reach.radius * 1.05);
-    if (other) {
-      paint(scene.surfaces, motions(joints()), aside(-1));
-      paint(scene.surfaces, motions(otherJoints()), aside(1));
-    } else {
-      paint(scene.surfaces, motions(joints()), [0, 0, 0]);
-      if (state.frame) paint([{ ...scene.objects[state.frame.recording], part: 0 }], [state.frame], [0, 0, 0]);
+    const hands = other ? [[joints(), aside(-1)], [otherJoints(), aside(1)]] : [[joints(), [0, 0, 0]]];
+    for (const [q, shift] of hands) {
+      paint(scene.surfaces, motions(q), shift);
+      if (state.frame) paint([{ ...scene.objects[state.frame.recording], part: 0 }], [state.frame], shift);
     }
   }
 
@@ -315,7 +314,7 @@
     if (data.commands) write(data.commands, commands(), rows.commands);
     const grasp = grasps()[state.grasp];
     for (const id of ["open", "close", "play", "next"]) byId(id).disabled = !grasp;
-    byId("grasp").textContent = grasp ? `${grasp.object}, mean of ${grasp.motions}` : "";
+    byId("grasp").textContent = grasp && !state.frame ? `${grasp.object}, mean of ${grasp.motions}` : "";
     draw();
   }
 
@@ -363,17 +362,20 @@
     state.grasp = (state.grasp + 1) % Math.max(1, grasps().length);
     go(["open", "closed", "held"]);
   });
-  // A recorded episode shows the hand as it was measured, with its object; the sliders show the numbers of the commands.
+  // A recorded episode shows the hand as it was measured, with its object; the sliders show the numbers of the commands. A
+  // second hand has the numbers of the second synergy that are nearest to the same commands.
   const show = (recording, step) => {
     const { object, success, period, frames } = data.recordings[recording];
     const frame = frames[step];
     state.frame = { ...frame, recording };
     state.z = state.z.map((_, i) => frame.z[i] ?? 0);
+    if (other) other.z = other.z.map((_, i) => frame.beside[i] ?? 0);
     const outcome = step + 1 === frames.length ? (success ? ", success" : ", failure") : "";
-    byId("replayed").textContent = `${object}, ${(period * step).toFixed(1)} s${outcome}: joints as measured, nearest numbers`;
+    const hands = other ? "left as measured, right as the second synergy has it" : "joints as measured, nearest numbers";
+    byId("replayed").textContent = `${object}, ${(period * step).toFixed(1)} s${outcome}: ${hands}`;
     update();
   };
-  byId("recordings").hidden = data.recordings.length === 0 || Boolean(other);
+  byId("recordings").hidden = data.recordings.length === 0;
   data.recordings.forEach((recording, i) => byId("recording").add(new Option(recording.object, i)));
   byId("replay").addEventListener("click", async () => {
     stop();

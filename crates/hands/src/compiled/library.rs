@@ -19,7 +19,7 @@ const MAX_FILES: usize = 1000;
 /// Longest name of a file in bytes.
 const MAX_NAME: usize = 255;
 /// Most bytes of all files together.
-const MAX_TOTAL: usize = 256 << 20;
+pub(super) const MAX_TOTAL: usize = 256 << 20;
 /// Most bytes of an error message that are read.
 const MAX_MESSAGE: usize = 64 << 10;
 
@@ -27,7 +27,7 @@ const MAX_MESSAGE: usize = 64 << 10;
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 /// Name and content of a file, as the plugin gave them.
-type RawFile = (Vec<u8>, Vec<u8>);
+pub(super) type RawFile = (Vec<u8>, Vec<u8>);
 
 /// Opens `library`, an absolute path, and copies the files that it generates from `options`.
 pub(super) fn generate(library: &Path, options: &str) -> Result<Vec<RawFile>, HandError> {

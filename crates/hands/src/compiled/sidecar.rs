@@ -6,6 +6,7 @@ use eigenhand_hand_abi::{ABI_MAJOR, ABI_MINOR};
 use toml::{Table, Value};
 
 use crate::error::{HandError, nearest};
+use crate::sources::read_text;
 
 /// File name of the sidecar in a compiled plugin's directory.
 pub const SIDECAR_FILE: &str = "hand-plugin.toml";
@@ -41,7 +42,7 @@ pub(super) struct Sidecar {
 /// refused here, before it is opened.
 pub(super) fn read(directory: &Path) -> Result<(Sidecar, Vec<u8>), HandError> {
     let file = directory.join(SIDECAR_FILE);
-    let text = std::fs::read_to_string(&file).map_err(HandError::io(&file))?;
+    let text = read_text(&file)?;
     let mut table: Table = toml::from_str(&text)
         .map_err(|e| HandError::Toml { file: file.clone(), message: e.to_string().trim_end().to_owned() })?;
     check_keys(&table, &file)?;

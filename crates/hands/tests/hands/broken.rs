@@ -212,3 +212,27 @@ fn models_that_cannot_be_a_hand() {
         "DIR/pincer.xml: motor `m` ctrlrange: expected two numbers with ctrllimited=\"true\", got none"
     );
 }
+
+#[test]
+fn numbers_that_are_not_finite_are_refused_when_they_are_read() {
+    for (bad, shown) in [("nan", "nan"), ("0.01 inf", "0.01 inf"), ("1e400", "1e400"), ("-Infinity", "-Infinity")] {
+        let message = model_message(
+            "<geom size=\"0.01\"/>\n          <site",
+            &format!("<geom size=\"{bad}\"/>\n          <site"),
+        );
+        assert_eq!(message, format!("DIR/pincer.xml: geom size: expected finite numbers, got {shown}"));
+    }
+    // A name is no number.
+    let hand = Fixture::new();
+    hand.edit("pincer.xml", "<body name=\"left_far\" ", "<body name=\"inf\" ");
+    hand.load().unwrap();
+}
+
+#[test]
+fn a_model_of_too_many_parts_is_refused() {
+    for (part, most) in [("<joint axis=\"1 0 0\"/>", 200), ("<body/>", 1000), ("<geom size=\"0.01\"/>", 5000)] {
+        let message =
+            model_message("<site name=\"left_tip\"/>", &format!("<site name=\"left_tip\"/>{}", part.repeat(most + 1)));
+        assert!(message.contains(&format!("expected at most {most} of them")), "{message}");
+    }
+}

@@ -72,6 +72,35 @@ fn body_named<'a>(element: &'a mut Element, name: &str) -> Option<&'a mut Elemen
     elements_mut(element).filter(|e| matches!(e.name.as_str(), "worldbody" | "body")).find_map(|e| body_named(e, name))
 }
 
+/// Colours of palm, fingers and fingertips in a model that has none.
+const PALM: [f64; 4] = [0.45, 0.46, 0.5, 1.0];
+const FINGER: [f64; 4] = [0.8, 0.78, 0.74, 1.0];
+const TIP: [f64; 4] = [0.35, 0.55, 0.75, 1.0];
+
+/// Tells palm, fingers and fingertips apart by colour, if the model states no colour at all.
+pub(super) fn colour_plain(model: &mut Element, found: &Survey) {
+    fn coloured(element: &Element) -> bool {
+        let own = element.name == "geom" && ["rgba", "material"].iter().any(|key| attribute(element, key).is_some());
+        own || elements(element).any(coloured)
+    }
+    fn paint(parent: &mut Element, found: &Survey, beyond_palm: bool) {
+        let name = attribute(parent, "name").unwrap_or_default();
+        let is_tip = found.fingers.iter().any(|finger| finger.body == name);
+        let colour = if is_tip { TIP } else { [PALM, FINGER][usize::from(beyond_palm)] };
+        let beyond_palm = beyond_palm || name == found.palm;
+        for child in elements_mut(parent) {
+            match child.name.as_str() {
+                "geom" => set(child, "rgba", numbers(&colour)),
+                "body" => paint(child, found, beyond_palm),
+                _ => {}
+            }
+        }
+    }
+    if !coloured(model) {
+        elements_mut(model).filter(|e| e.name == "worldbody").for_each(|world| paint(world, found, false));
+    }
+}
+
 pub(super) fn exclude_overlaps(model: &mut Element, found: &Survey, notes: &mut Vec<String>) {
     if found.overlaps.is_empty() {
         return;

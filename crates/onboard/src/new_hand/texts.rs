@@ -1,10 +1,9 @@
 //! The texts of a new hand: `hand.toml`, `README.md`, and what the terminal shows.
 
 use std::fmt::Write as _;
-use std::fs;
 
-use eigenhand_files::sha256;
-use eigenhand_hands::{Imported, SCHEMA};
+use eigenhand_files::{read_regular, sha256};
+use eigenhand_hands::{Imported, LARGEST_FILE, SCHEMA};
 
 use super::model::slide_name;
 use super::{MODEL_FILE, NewHand, NewHandReport};
@@ -27,7 +26,7 @@ fn fixed(values: &[f64]) -> String {
 /// Returns the text of `hand.toml`.
 pub(super) fn manifest(request: &NewHand, imported: &Imported, found: &Survey, report: &NewHandReport) -> String {
     let file = request.source.file_name().unwrap_or_default().to_string_lossy();
-    let digest = fs::read(&request.source).map(|bytes| sha256(&bytes)).unwrap_or_default();
+    let digest = read_regular(&request.source, LARGEST_FILE).map(|bytes| sha256(&bytes)).unwrap_or_default();
     let slide = slide_name(imported);
     let rotation = found.mount.rotation;
     let place = found.mount.translation.vector;

@@ -5,7 +5,7 @@ use plotters::element::{PathElement, Polygon, Rectangle};
 use plotters::style::Color;
 
 use super::canvas::{Area, Axes, Drawn, FINE, INK, Key, PAPER, component_color, draw, fine, head};
-use super::{Cell, Figure, Group, csv};
+use super::{Cell, Figure, Group, csv, spread};
 use crate::ReportError;
 use crate::curves::Band;
 
@@ -40,6 +40,7 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
             format!("Contribution rates and success, \u{3bb} = {lambda}"),
             svg,
             &[(lambda, panel)],
+            groups,
         )?);
     }
     if panels.len() > 1 {
@@ -51,17 +52,28 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
             areas.iter().zip(&panels).try_for_each(|(area, (_, panel))| panel.draw(area, end, true))
         })?;
         let all: Vec<(&str, &Panel)> = panels.iter().map(|(lambda, panel)| (*lambda, panel)).collect();
-        figures.insert(0, figure(name, "Contribution rates and success, side by side".to_owned(), svg, &all)?);
+        figures.insert(0, figure(name, "Contribution rates and success, side by side".to_owned(), svg, &all, groups)?);
     }
     Ok(figures)
 }
 
-fn figure(name: String, title: String, svg: String, panels: &[(&str, &Panel)]) -> Result<Figure, ReportError> {
-    let caption = "Bars: contribution rate of each principal component at that time, the first component at the bottom \
-                   (median over the runs). Line: success rate of the evaluation (median over the runs); band: from the \
-                   lowest run to the highest.";
+fn figure(
+    name: String,
+    title: String,
+    svg: String,
+    panels: &[(&str, &Panel)],
+    groups: &[Group<'_>],
+) -> Result<Figure, ReportError> {
+    let several = match spread(groups) {
+        "" => String::new(),
+        spread => format!(" Bars are medians too. {spread}"),
+    };
+    let caption = format!(
+        "Bars: contribution rate of each principal component at that time, the first component at the bottom. Line: success rate \
+         of the evaluation.{several}"
+    );
     let csv = Panel::numbers(&name, panels)?;
-    Ok(Figure { csv, name, title, caption: caption.to_owned(), svg, is_repeated: panels.len() > 1 })
+    Ok(Figure { csv, name, title, caption, svg, is_repeated: panels.len() > 1 })
 }
 
 impl Panel {
@@ -85,7 +97,8 @@ impl Panel {
         if legend {
             let name = |i| if i == 0 { "component 1".to_owned() } else { format!("{}", i + 1) };
             entries.extend((0..self.rates.len()).map(|i| (Key::Square(component_color(i)), name(i))));
-            entries.push((Key::Ink, "success, median and range".to_owned()));
+            let several = self.success.points.iter().any(|point| point.n_runs > 1);
+            entries.push((Key::Ink, if several { "success, median and range" } else { "success" }.to_owned()));
         }
         let rest = head(area, &self.label, &entries)?;
         let spacing = self.spacing();

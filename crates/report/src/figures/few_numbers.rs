@@ -5,7 +5,7 @@ use plotters::style::Color;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::canvas::{Area, Axes, Drawn, FINE, INK, Key, dashed, draw, fine, head, marker, series_color, text};
-use super::{Cell, Figure, csv, label};
+use super::{Cell, Figure, SPREAD, csv, label};
 use crate::ReportError;
 use crate::few_numbers::FewNumbers;
 use crate::records::{Analysis, LambdaRecord};
@@ -50,12 +50,12 @@ pub fn figure(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
         success.chain(std::iter::once(row(Cell::Text("all".to_owned()), &curve.few.all_joints)))
     });
     let caption = "Final evaluation. At every step, the commands are projected on the mean and so many components of the \
-                   control synergy; with 0 numbers the command is constant. Line: median over the complete runs; band: from \
-                   the lowest run to the highest. Success with all joints stands at the right.";
+                   control synergy; with 0 numbers the command is constant. Success with all joints stands at the right. ";
+    let several = curves.iter().any(|curve| curve.few.n_runs > 1);
     Ok(Some(Figure {
         name: NAME.to_owned(),
         title: TITLE.to_owned(),
-        caption: caption.to_owned(),
+        caption: format!("{caption}{}", if several { SPREAD } else { "" }),
         svg: draw(NAME, SIZE, |area| paint(area, &curves, analysis.components))?,
         csv: csv(NAME, &["lambda", "numbers", "median", "min", "max", "n_runs"], rows)?,
         is_repeated: false,

@@ -5,7 +5,7 @@ use plotters::element::{PathElement, Polygon};
 use plotters::style::Color;
 
 use super::canvas::{Area, Axes, Drawn, Key, dashed, draw, fine, head, marker, round_up, series_color};
-use super::{Cell, Figure, Group, csv};
+use super::{Cell, Figure, Group, csv, spread};
 use crate::ReportError;
 use crate::curves::Band;
 use crate::stats::quantile;
@@ -52,8 +52,6 @@ struct Beside {
     label: &'static str,
 }
 
-const BAND: &str = "Line: median over the runs; band: from the lowest run to the highest.";
-
 /// Describes the curve of a number along training.
 fn along(
     name: &'static str,
@@ -68,7 +66,7 @@ fn along(
         group_column: "lambda",
         name,
         title,
-        caption: BAND,
+        caption: "",
         x_name: "training episodes",
         x_column: "episode",
         x: |row| Some(row.episode as f64),
@@ -89,8 +87,8 @@ pub fn figures(groups: &[Group<'_>]) -> Result<Vec<Figure>, ReportError> {
     let plots = [
         along("success-episodes", "Success along training", "success rate (%)", success, 100.0, 0, rate),
         Plot {
-            caption: "Solid line: success when the configured number of components commands the hand; band: from the lowest \
-                      run to the highest. Dashed line: success with all joints. Both are medians over the runs.",
+            caption: "Solid: success when the configured number of components commands the hand. Dashed: success with all \
+                      joints. ",
             beside: Some(Beside {
                 y: success,
                 columns: ["success_with_components", "success_rate"],
@@ -193,7 +191,7 @@ fn distribution(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
         name: "error-distribution",
         title: "Distribution of the approximation error",
         caption: "Share of postures whose distance from the run's synergy is at most e, among the postures that the synergy \
-                  covers. Line: median over the runs; band: from the lowest run to the highest.",
+                  covers. ",
         x_name: "approximation error e (rad)",
         x_column: "error_rad",
         x: |_| None,
@@ -239,7 +237,7 @@ impl Plot {
             svg: draw(self.name, SIZE, |area| self.draw(area, groups, bands, beside))?,
             name: self.name.to_owned(),
             title: self.title.to_owned(),
-            caption: self.caption.to_owned(),
+            caption: format!("{}{}", self.caption, spread(groups)),
         }))
     }
 

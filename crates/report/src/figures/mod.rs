@@ -50,6 +50,14 @@ pub(crate) fn label(lambda: f64, n_runs: usize) -> String {
     format!("\u{3bb} = {lambda} ({n_runs} {})", if n_runs == 1 { "run" } else { "runs" })
 }
 
+/// Says what lines and bands are.
+const SPREAD: &str = "Lines are medians over the runs; bands extend from the lowest run to the highest.";
+
+/// Says what lines and bands are, where a group has several runs.
+fn spread(groups: &[Group<'_>]) -> &'static str {
+    if groups.iter().any(|group| group.runs.len() > 1) { SPREAD } else { "" }
+}
+
 /// Draws every figure that has numbers.
 ///
 /// # Errors
@@ -57,7 +65,7 @@ pub(crate) fn label(lambda: f64, n_runs: usize) -> String {
 pub fn all(runs: &[Run], analysis: &Analysis) -> Result<Vec<Figure>, ReportError> {
     let groups = groups(runs);
     let mut figures: Vec<Figure> = few_numbers::figure(analysis)?.into_iter().collect();
-    figures.extend(loadings::figure(runs)?);
+    figures.extend(loadings::figures(runs)?);
     figures.extend(variance::figure(&groups)?);
     figures.extend(contribution::figures(&groups)?);
     figures.extend(lines::figures(&groups)?);

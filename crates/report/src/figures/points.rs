@@ -70,10 +70,14 @@ fn objects(analysis: &Analysis) -> Result<Option<Figure>, ReportError> {
     Ok(Some(Figure {
         name: name.to_owned(),
         title: "Success for each object".to_owned(),
-        caption:
-            "Final evaluation. Small marks: one run each; large marks: interquartile mean, with its 95 % bootstrap \
+        caption: match analysis.runs.len() {
+            1 => "Final evaluation.".to_owned(),
+            _ => {
+                "Final evaluation. Small marks: one run each; large marks: interquartile mean, with its 95 % bootstrap \
                   interval."
-                .to_owned(),
+                    .to_owned()
+            }
+        },
         svg,
         csv: numbers(name, "object", &columns)?,
         is_repeated: false,

@@ -4,8 +4,8 @@ use plotters::element::{PathElement, Polygon};
 use plotters::style::Color;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::canvas::{Area, Axes, Drawn, INK, Key, draw, fine, head, marker, series_color, text};
-use super::{Cell, Figure, Group, csv};
+use super::canvas::{Area, Axes, Drawn, FINE, INK, Key, dashed, draw, fine, head, marker, series_color, text};
+use super::{Cell, Figure, Group, csv, spread};
 use crate::ReportError;
 
 const NAME: &str = "variance-components";
@@ -39,15 +39,14 @@ pub fn figure(groups: &[Group<'_>]) -> Result<Option<Figure>, ReportError> {
         // They exceed the share: it is a lower bound.
         vec![Cell::Text((*source).to_owned()), (*k).into(), f64::NAN.into(), (*share).into(), f64::NAN.into()]
     });
-    let caption = "Share of the variance of the end postures in the first components. Line: median over the runs; band: from the \
-                   lowest run to the highest. Diamonds: human hands exceed these shares in other tasks, with other joints: two \
+    let caption = "Share of the variance of the end postures in the first components. Dashed lines end in diamonds at published figures: human hands exceed these shares in other tasks, with other joints: two \
                    components hold more than 80 % of 15 joints (57 imagined objects; Santello, Flanders and Soechting 1998, J. \
                    Neurosci. 18(23)); three hold more than 50 % and twelve more than 80 % (77 subjects, activities of daily living; \
-                   2019, doi 10.1186/s12984-019-0536-6). So they are a scale, and no bar.";
+                   2019, doi 10.1186/s12984-019-0536-6). So they are a scale, and no bar. ";
     Ok(Some(Figure {
         name: NAME.to_owned(),
         title: TITLE.to_owned(),
-        caption: caption.to_owned(),
+        caption: format!("{caption}{}", spread(groups)),
         svg: draw(NAME, SIZE, |area| paint(area, &curves))?,
         csv: csv(NAME, &["lambda", "components", "median", "min", "max"], rows.chain(human))?,
         is_repeated: false,
@@ -94,14 +93,16 @@ fn paint(area: &Area<'_>, curves: &[(usize, &Group<'_>, Vec<[f64; 3]>)]) -> Draw
         }
     }
     for (k, share, source) in HUMAN {
-        let (x, y) = plot.map_coordinate(&(k as f64, PERCENT * share));
+        let at = |x: f64| (x, PERCENT * share);
+        plot.draw(&dashed(vec![at(axes.x.start), at(k as f64)], INK.mix(0.6).stroke_width(FINE)))?;
+        let (x, y) = plot.map_coordinate(&at(k as f64));
         let half = fine(5.0) as i32;
         let corners = vec![(x, y - half), (x + half, y), (x, y + half), (x - half, y)];
         screen.draw(&Polygon::new(corners, INK.filled()))?;
         // plotters places text relative to the corner of its area, even if the coordinates are those of the screen.
         let (left, above) = screen.get_base_pixel();
-        let style = text(12.0).pos(Pos::new(HPos::Left, VPos::Center));
-        screen.draw_text(source, &style, (x + fine(9.0) as i32 - left, y - above))?;
+        let style = text(12.0).pos(Pos::new(HPos::Center, VPos::Bottom));
+        screen.draw_text(source, &style, (x - left, y - fine(8.0) as i32 - above))?;
     }
     Ok(())
 }

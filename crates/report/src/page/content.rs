@@ -39,7 +39,7 @@ pub fn section(analysis: &Analysis) -> Markup {
             "A high contribution rate says little of postures that hardly vary, because one posture would then do as well. "
             "The total variance and the share between objects tell how much the components have to express."
         }
-        (table(&header, &NUMBERS.iter().map(row).collect::<Vec<_>>()))
+        (table("The end postures of the successes", &header, &NUMBERS.iter().map(row).collect::<Vec<_>>()))
         @if analysis.lambdas.iter().any(|lambda| lambda.n_complete > 1) {
             p.soft { "Median over the complete runs that have these numbers." }
         }

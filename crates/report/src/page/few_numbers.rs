@@ -28,7 +28,7 @@ pub fn table(analysis: &Analysis) -> Markup {
         row
     };
     html! {
-        (super::table(&header, &found.iter().map(row).collect::<Vec<_>>()))
+        (super::table("Success against how many numbers command the hand", &header, &found.iter().map(row).collect::<Vec<_>>()))
         p.soft {
             @if found.iter().all(|(_, few)| few.n_runs == 1) {
                 "Enough: the fewest numbers that are within 5 points of all joints."

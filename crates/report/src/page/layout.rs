@@ -68,10 +68,12 @@ pub(crate) fn drawing(figure: &Figure) -> Markup {
     }
 }
 
-pub(crate) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
+/// A table with a caption, which says what its cells are.
+pub(crate) fn table(title: &str, header: &[String], rows: &[Vec<String>]) -> Markup {
     html! {
         div.scroll {
             table {
+                caption { (title) }
                 thead { tr { @for cell in header { th scope="col" { (cell) } } } }
                 tbody {
                     @for row in rows {

@@ -34,7 +34,7 @@ pub fn section(analysis: &Analysis) -> Markup {
     };
     html! {
         (heading("Do the runs find the same space?"))
-        (table(&header, &found.iter().map(row).collect::<Vec<_>>()))
+        (table("The synergies of two seeds", &header, &found.iter().map(row).collect::<Vec<_>>()))
         p.soft {
             "Medians over all pairs of runs. Squared cosine: mean over the principal angles between the control synergies of two "
             "runs, 1 for the same space. The last columns say how much of the variance of a run's commands each space holds."

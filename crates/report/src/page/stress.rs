@@ -52,7 +52,7 @@ pub fn section(analysis: &Analysis) -> Markup {
     let episodes = numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(" or ");
     html! {
         (heading("What the grasps endure"))
-        (table(&header, &changes.iter().map(row).collect::<Vec<_>>()))
+        (table("Success in changed scenes", &header, &changes.iter().map(row).collect::<Vec<_>>()))
         p.soft {
             "Median over the runs, each in " (episodes) " episodes a row. In each row one thing is changed, and the episodes "
             "are the same (eval --stress)."

@@ -66,6 +66,30 @@ fn other_programs_find_a_column_for_each_joint() {
 }
 
 #[test]
+fn a_finished_database_is_one_file_and_goes_on_in_wal_mode() {
+    let dir = TempDir::new().unwrap();
+    let path = dir.path().join("p");
+    let mode = || -> String {
+        rusqlite::Connection::open(&path).unwrap().query_row("PRAGMA journal_mode", [], |row| row.get(0)).unwrap()
+    };
+    let mut database = PostureDatabase::open(&path, &joints(3), &[]).unwrap();
+    database.insert_all(&records(4, 3)).unwrap();
+    {
+        // While another program reads, the mode stays.
+        let reader = PostureDatabase::open_existing(&path).unwrap();
+        database.finish().unwrap();
+        assert_eq!(reader.len().unwrap(), 4);
+    }
+    database.finish().unwrap();
+    assert_eq!(mode(), "delete");
+    drop(database);
+    assert_eq!(fs::read_dir(dir.path()).unwrap().count(), 1);
+    assert_eq!(PostureDatabase::open_existing(&path).unwrap().len().unwrap(), 4);
+    drop(PostureDatabase::open(&path, &joints(3), &[]).unwrap());
+    assert_eq!(mode(), "wal");
+}
+
+#[test]
 fn truncation_deletes_later_episodes_only() {
     let dir = TempDir::new().unwrap();
     let records = records(10, 3);

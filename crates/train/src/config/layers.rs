@@ -11,6 +11,9 @@ use eigenhand_sim::Object;
 use super::error::{ConfigError, InvalidSetting};
 use super::{DEFAULT, Preset, RunConfig};
 
+/// Keys that earlier runs lack. Their defaults are what these runs did.
+const ADDED: [&str; 1] = ["from"];
+
 /// Least similarity at which a known key is suggested for an unknown one.
 const ALIKE: f64 = 0.7;
 
@@ -51,15 +54,15 @@ impl Layers {
     /// Starts from the resolved configuration of a run directory.
     ///
     /// # Errors
-    /// [`ConfigError`] names the file and the key. A missing key is an error too: a run continues with the settings
-    /// that it began with, even if the defaults have changed since.
+    /// [`ConfigError`] names the file and the key. A missing key is an error too, unless it was added since and its default
+    /// means what earlier runs did: a run continues with the settings that it began with, even if the defaults have changed.
     pub fn of_run(path: &Path) -> Result<Layers, ConfigError> {
         let mut layers = Layers::new(Preset::Default)?;
         let required = layers.resolve()?.settings()?;
         let origin = path.display().to_string();
         layers.origins.clear();
         layers.add_text(&origin, &read_layer(path)?)?;
-        match required.into_keys().find(|key| layers.origin(key).is_none()) {
+        match required.into_keys().find(|key| layers.origin(key).is_none() && !ADDED.contains(&key.as_str())) {
             Some(key) => Err(ConfigError::Value {
                 origin,
                 reason: format!(
@@ -131,7 +134,7 @@ impl Layers {
     }
 
     fn config(&self) -> Result<RunConfig, String> {
-        let first_line = |error: toml::de::Error| error.message().lines().next().unwrap_or_default().to_owned();
+        let first_line = |error: toml::de::Error| in_english(error.message().lines().next().unwrap_or_default());
         Value::Table(self.merged.clone()).try_into().map_err(first_line)
     }
 
@@ -198,6 +201,27 @@ fn find<'a>(table: &'a mut Table, key: &str, origin: &str) -> Result<&'a mut Val
 fn nearest<'a>(table: &'a Table, word: &str) -> Option<&'a String> {
     let scored = table.keys().map(|known| (strsim::jaro_winkler(known, word), known));
     scored.filter(|(score, _)| *score > ALIKE).max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, known)| known)
+}
+
+/// Words of a type, in the reader's errors and in English.
+const TYPES: [(&str, &str); 8] = [
+    ("f32", "a number"),
+    ("f64", "a number"),
+    ("u32", "a whole number of at least 0"),
+    ("u64", "a whole number of at least 0"),
+    ("usize", "a whole number of at least 0"),
+    ("a boolean", "true or false"),
+    ("a sequence", "a list"),
+    ("a map", "a table"),
+];
+
+/// (the reader's reason for refusing a value) => what it expected
+fn in_english(reason: &str) -> String {
+    let Some((_, expected)) = reason.strip_prefix("invalid ").and_then(|_| reason.rsplit_once("expected ")) else {
+        return reason.to_owned();
+    };
+    let word = TYPES.iter().find(|(name, _)| *name == expected).map_or(expected, |(_, word)| word);
+    format!("expected {word}")
 }
 
 /// Lists the values of a TOML text, each with its line.
@@ -298,6 +322,9 @@ mod tests {
         std::fs::write(&path, without.join("\n")).expect("writable");
         let message = RunConfig::read(&path).expect_err("incomplete").to_string();
         assert!(message.contains("synergy.window is absent"), "{message}");
+        let without: Vec<&str> = text.lines().filter(|line| !line.starts_with("from")).collect();
+        std::fs::write(&path, without.join("\n")).expect("writable");
+        assert_eq!(RunConfig::read(&path).expect("of an earlier version").from, "");
     }
 
     #[test]
@@ -319,7 +346,13 @@ mod tests {
                 "[task]\n# up\ngoal_height = [0.2, 0.1]\n",
                 "run.toml, line 3: task.goal_height = [0.2, 0.1] is not allowed",
             ),
-            ("lambda = 1\nseed = \"abc\"\n", "run.toml, line 2: seed = \"abc\" is not allowed"),
+            (
+                "lambda = 1\nseed = \"abc\"\n",
+                "run.toml, line 2: seed = \"abc\" is not allowed: expected a whole number",
+            ),
+            ("seed = -1\n", "run.toml, line 1: seed = -1 is not allowed: expected a whole number of at least 0"),
+            ("lambda = true\n", "run.toml, line 1: lambda = true is not allowed: expected a number"),
+            ("tensorboard = 1\n", "run.toml, line 1: tensorboard = 1 is not allowed: expected true or false"),
             ("[synergy]\nstart_after = 500\n", "run.toml, line 2: synergy.window = 300 is not allowed"),
             ("learner = 3\n", "run.toml, line 1: learner = 3 is not allowed"),
             ("[learner]\n[lerner]\n", "run.toml, line 2: unknown key \"lerner\"; did you mean \"learner\"?"),

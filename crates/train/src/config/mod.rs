@@ -19,6 +19,8 @@ mod layers;
 mod settings;
 mod validate;
 
+pub use validate::MOST_EVALUATED;
+
 pub use error::{ConfigError, InvalidSetting};
 pub use layers::Layers;
 pub(crate) use layers::read_layer;
@@ -91,6 +93,8 @@ pub struct RunConfig {
     /// How far training confines the policy to its synergy. With 1, the policy ends inside the control synergy, with 0 it stays
     /// free; it is also the weight of `synergy.penalty` (paper, section 2.2).
     pub lambda: f64,
+    /// The run whose networks this one starts with; empty: fresh networks.
+    pub from: String,
     /// What the policy commands.
     pub action_space: ActionSpace,
     /// Training episodes.

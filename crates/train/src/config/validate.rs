@@ -10,6 +10,12 @@ use crate::action_space::ActionSpace;
 /// Largest weight of the feedback; its square does not overflow in single precision.
 const LARGEST_WEIGHT: f64 = 1e6;
 
+/// Most episodes of one evaluation: their data are kept until it ends.
+pub const MOST_EVALUATED: u64 = 10_000;
+/// Most episodes of a cycle, and of the replay.
+const MOST_IN_CYCLE: u64 = 1_000;
+const MOST_IN_REPLAY: u64 = 100_000;
+
 type Outcome = Result<(), InvalidSetting>;
 
 impl RunConfig {
@@ -37,8 +43,8 @@ impl RunConfig {
 
     fn validate_training(&self) -> Outcome {
         let t = &self.training;
-        positive("training.episodes_per_cycle", t.episodes_per_cycle as u64)?;
-        positive("training.replay_episodes", t.replay_episodes as u64)?;
+        at_most("training.episodes_per_cycle", t.episodes_per_cycle as u64, MOST_IN_CYCLE)?;
+        at_most("training.replay_episodes", t.replay_episodes as u64, MOST_IN_REPLAY)?;
         positive("training.checkpoint_every", t.checkpoint_every)?;
         positive("training.checkpoints_kept", t.checkpoints_kept as u64)?;
         let updates = (0.0..=1e6).contains(&t.updates_per_episode);
@@ -59,10 +65,10 @@ impl RunConfig {
     fn validate_evaluation(&self) -> Outcome {
         let e = &self.evaluation;
         positive("evaluation.every", e.every)?;
-        positive("evaluation.episodes", e.episodes)?;
+        at_most("evaluation.episodes", e.episodes, MOST_EVALUATED)?;
         expect(e.finalists <= 100, "evaluation.finalists", "at most 100", e.finalists)?;
-        positive("evaluation.selection_episodes", e.selection_episodes)?;
-        positive("evaluation.final_episodes", e.final_episodes)
+        at_most("evaluation.selection_episodes", e.selection_episodes, MOST_EVALUATED)?;
+        at_most("evaluation.final_episodes", e.final_episodes, MOST_EVALUATED)
     }
 
     fn validate_synergy(&self) -> Outcome {
@@ -99,6 +105,10 @@ fn share(key: &str, got: f64) -> Outcome {
 
 fn positive(key: &str, got: u64) -> Outcome {
     expect(got > 0, key, "a whole number above 0", got)
+}
+
+fn at_most(key: &str, got: u64, most: u64) -> Outcome {
+    expect((1..=most).contains(&got), key, format!("a whole number from 1 to {most}"), got)
 }
 
 fn weight(key: &str, got: f64) -> Outcome {
@@ -145,6 +155,12 @@ mod tests {
     #[test]
     fn values_are_checked() {
         for (assignment, part) in [
+            ("learner.hidden=[200000, 200000]", "at most 8 widths from 1 to 4096"),
+            ("learner.hidden=[1, 1, 1, 1, 1, 1, 1, 1, 1]", "at most 8 widths"),
+            ("learner.batch_size=4000000000", "from 1 to 65536"),
+            ("evaluation.final_episodes=10001", "from 1 to 10000"),
+            ("training.replay_episodes=100001", "from 1 to 100000"),
+            ("training.episodes_per_cycle=1001", "from 1 to 1000"),
             ("lambda=-1", "lambda = -1"),
             ("objects=[]", "objects"),
             ("task.goal_height=[0.2, 0.1]", "task.goal_height"),
@@ -163,6 +179,6 @@ mod tests {
             assert!(message.contains(part), "{message}");
         }
         let message = default().add_assignment("seed=abc").expect_err("not a number").to_string();
-        assert!(message.contains("--set seed=abc") && message.contains("u64"), "{message}");
+        assert!(message.contains("--set seed=abc") && message.contains("a whole number"), "{message}");
     }
 }

@@ -144,7 +144,7 @@ impl Reproduction {
             })?;
             let member = Member::of(variant, &config, &directory)?;
             if is_run(&member.run) {
-                check_settings(&member.run, &config.settings()?, &["workers", "synergy.file"])?;
+                check_settings(&member.run, &config.settings()?, &comparison.free())?;
             }
             members.push(member);
         }
@@ -152,7 +152,7 @@ impl Reproduction {
         let lock = lock(&directory)?;
         let settings = config.settings()?;
         for run in runs_in(&directory)? {
-            check_settings(&run, &settings, comparison.varied())?;
+            check_settings(&run, &settings, &comparison.varied())?;
             let provenance = read_provenance(&run)?;
             if provenance.hand_digest != hand.digest {
                 let (expected, found) = (provenance.hand_digest, hand.digest);

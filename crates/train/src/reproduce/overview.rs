@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::progress::Status;
+use crate::say;
 
 /// State of all runs.
 #[derive(Clone, Debug, Default)]
@@ -120,7 +121,7 @@ impl OverviewDisplay for OverviewBars {
     }
 
     fn note(&mut self, line: &str) {
-        self.bars.suspend(|| eprintln!("{line}"));
+        self.bars.suspend(|| say!("{line}"));
     }
 
     fn finish(&mut self) {
@@ -152,16 +153,11 @@ impl OverviewDisplay for OverviewLines {
         self.shown = Some(now);
         let running: Vec<String> = overview.running.iter().map(Progressing::line).collect();
         let Overview { episodes, total, .. } = overview;
-        eprintln!(
-            "{episodes}/{total} episodes, {} left, {}: {}",
-            overview.left(),
-            overview.counts(),
-            running.join("; ")
-        );
+        say!("{episodes}/{total} episodes, {} left, {}: {}", overview.left(), overview.counts(), running.join("; "));
     }
 
     fn note(&mut self, line: &str) {
-        eprintln!("{line}");
+        say!("{line}");
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::VARIED;
 use super::spaces::SPACES;
 
 /// What an experiment compares.
@@ -58,13 +59,21 @@ impl Comparison {
         }
     }
 
-    /// Returns keys of the configuration in which the runs may differ; `workers` does not affect results.
-    pub fn varied(&self) -> &'static [&'static str] {
+    /// Returns keys of the configuration in which the runs may differ.
+    pub fn varied(&self) -> Vec<&'static str> {
+        let own: &[&str] = match self {
+            Comparison::Lambdas(_) => return VARIED.to_vec(),
+            Comparison::ControlStudy => &["lambda", "seed", "action_space", "episodes", "synergy.components"],
+        };
+        [own, &self.free()].concat()
+    }
+
+    /// Returns keys in which a run may differ from what this experiment asks of it, because no policy learns from them:
+    /// a study takes runs that were trained for another experiment, with other distances between evaluations.
+    pub(super) fn free(&self) -> Vec<&'static str> {
         match self {
-            Comparison::Lambdas(_) => &super::VARIED,
-            Comparison::ControlStudy => {
-                &["lambda", "seed", "workers", "action_space", "episodes", "synergy.file", "synergy.components"]
-            }
+            Comparison::Lambdas(_) => vec!["workers"],
+            Comparison::ControlStudy => vec!["workers", "synergy.file", "evaluation.every"],
         }
     }
 }

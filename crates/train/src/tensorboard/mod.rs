@@ -1,4 +1,5 @@
-//! Event files for TensorBoard: the rows of `metrics.csv` as curves over the training episodes.
+//! Event files for TensorBoard: the rows of `metrics.csv` as curves over the training episodes, the settings, and the
+//! pictures of the result.
 //!
 //! An event file is computed from `metrics.csv` and the start time of the run. A resumed run writes a new file from the
 //! rows that it keeps, and removes the old file. So no event appears twice, and none belongs to an episode that is
@@ -12,8 +13,12 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use eigenhand_files::{cannot, write_atomically};
-use record::{Event, Summary, Value, write_event};
+use prost::Message;
+use record::{
+    Event, Hparams, Image, Metadata, PluginData, SessionStart, Setting, SettingValue, Summary, Value, write_event,
+};
 
+use crate::config::Settings;
 use crate::error::TrainError;
 use crate::metrics::MetricsRow;
 
@@ -30,6 +35,11 @@ const GROUPS: [(&str, &[&str]); 4] = [
     ("learner", &["critic_loss", "actor_loss", "q_mean", "target_mean", "clipped_share"]),
     ("training", &["train_success_rate", "env_steps", "updates", "diverged", "buffer_warnings"]),
 ];
+/// Settings that say nothing of what is learned.
+const WITHOUT_EFFECT: [&str; 3] = ["schema", "tensorboard", "workers"];
+/// Channels of the pictures: red, green, blue.
+const CHANNELS: i32 = 3;
+
 /// A count; its increase per second is a curve too.
 type Count = fn(&MetricsRow) -> Option<f64>;
 
@@ -47,11 +57,12 @@ pub struct EventFile {
 impl EventFile {
     /// Writes a new event file from the rows of a run's `metrics.csv`, and removes older event files.
     ///
-    /// `started` is the time at which the run began, in seconds since 1970.
+    /// `started` is the time at which the run began, in seconds since 1970; `settings` are its settings by their keys, as
+    /// TOML.
     ///
     /// # Errors
     /// [`TrainError::File`].
-    pub fn create(run: &Path, started: u64, rows: &[MetricsRow]) -> Result<EventFile, TrainError> {
+    pub fn create(run: &Path, started: u64, settings: &Settings, rows: &[MetricsRow]) -> Result<EventFile, TrainError> {
         let older = event_files(run)?;
         let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |elapsed| elapsed.as_secs());
         // TensorBoard reads the files of a directory in the order of their names.
@@ -61,6 +72,7 @@ impl EventFile {
         let mut bytes = Vec::new();
         let version = Event { wall_time: started, file_version: Some(VERSION.to_owned()), ..Event::default() };
         write_event(&mut bytes, &version);
+        write_event(&mut bytes, &settings_event(settings, started));
         let first = MetricsRow::default();
         let mut previous = &first;
         for row in rows {
@@ -88,6 +100,63 @@ impl EventFile {
     }
 }
 
+/// Adds pictures, PNG files, to the event file of a run: each with its name, at an episode. A run without an event file
+/// stays without.
+///
+/// # Errors
+/// [`TrainError::File`]; [`TrainError::Damaged`] for a file that is no PNG.
+pub fn add_pictures(run: &Path, episode: u64, pictures: &[PathBuf]) -> Result<(), TrainError> {
+    let Some((_, path)) = event_files(run)?.into_iter().max() else { return Ok(()) };
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |elapsed| elapsed.as_secs_f64());
+    let value = pictures.iter().map(|picture| picture_value(picture)).collect::<Result<_, _>>()?;
+    let summary = Some(Summary { value });
+    let mut bytes = Vec::new();
+    write_event(&mut bytes, &Event { wall_time: now, step: episode as i64, summary, ..Event::default() });
+    let mut file = OpenOptions::new().append(true).open(&path).map_err(cannot("open", &path))?;
+    Ok(file.write_all(&bytes).map_err(cannot("write", &path))?)
+}
+
+fn picture_value(picture: &Path) -> Result<Value, TrainError> {
+    let encoded = fs::read(picture).map_err(cannot("read", picture))?;
+    let [width, height] = png_size(&encoded).ok_or_else(|| TrainError::Damaged {
+        path: picture.to_owned(),
+        reason: "it is no PNG file".to_owned(),
+        mend: "draw it again with render".to_owned(),
+    })?;
+    let name = picture.file_stem().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+    let image = Some(Image { height, width, colorspace: CHANNELS, encoded });
+    Ok(Value { tag: format!("pictures/{name}"), image, ..Value::default() })
+}
+
+/// (bytes of a PNG file) => width and height, which its first chunk holds
+fn png_size(bytes: &[u8]) -> Option<[i32; 2]> {
+    let header = bytes.strip_prefix(b"\x89PNG\r\n\x1a\n")?.get(8..16)?;
+    let (width, height) = header.split_first_chunk::<4>()?;
+    Some([i32::from_be_bytes(*width), i32::from_be_bytes(height.try_into().ok()?)])
+}
+
+/// (settings as TOML, start of the run) => the event with which TensorBoard's table of settings begins
+fn settings_event(settings: &Settings, started: f64) -> Event {
+    let hparams = settings.iter().filter(|(key, _)| !WITHOUT_EFFECT.contains(&key.as_str()));
+    let hparams = hparams.map(|(key, value)| (key.clone(), setting(value))).collect();
+    let session_start_info = Some(SessionStart { hparams, start_time_secs: started });
+    let content = Hparams { session_start_info }.encode_to_vec();
+    let plugin_data = Some(PluginData { plugin_name: "hparams".to_owned(), content });
+    let metadata = Some(Metadata { plugin_data });
+    let value = vec![Value { tag: "_hparams_/session_start_info".to_owned(), metadata, ..Value::default() }];
+    Event { wall_time: started, summary: Some(Summary { value }), ..Event::default() }
+}
+
+/// (a value as TOML) => the same for TensorBoard, which has no lists
+fn setting(text: &str) -> Setting {
+    let value = match (text.parse::<f64>(), text.parse::<bool>()) {
+        (Ok(number), _) if number.is_finite() => SettingValue::Number(number),
+        (_, Ok(truth)) => SettingValue::Bool(truth),
+        _ => SettingValue::Text(text.trim_matches('"').to_owned()),
+    };
+    Setting { value: Some(value) }
+}
+
 /// Lists the event files of a directory with the numbers in their names.
 fn event_files(directory: &Path) -> Result<Vec<(u64, PathBuf)>, TrainError> {
     let mut found = Vec::new();
@@ -110,7 +179,8 @@ fn event(row: &MetricsRow, previous: &MetricsRow, started: f64) -> Event {
         .iter()
         .map(|(count, tag)| ((*tag).to_owned(), if seconds > 0.0 { grown(*count) / seconds } else { f64::NAN }));
     let present = curves.chain(speeds).filter(|(_, value)| value.is_finite());
-    let values = present.map(|(tag, value)| Value { tag, simple_value: Some(value as f32) }).collect();
+    let values =
+        present.map(|(tag, value)| Value { tag, simple_value: Some(value as f32), ..Value::default() }).collect();
     Event {
         wall_time: started + row.wall_s.unwrap_or(0.0).max(0.0),
         step: row.episode as i64,
@@ -156,6 +226,7 @@ mod tests {
         let [(_, path)] = files.as_slice() else { panic!("{files:?} is not one file") };
         let mut events = read_events(&fs::read(path).expect("readable"));
         assert_eq!(events.remove(0).file_version.as_deref(), Some(VERSION));
+        assert_eq!(events.remove(0).summary.expect("values").value[0].tag, "_hparams_/session_start_info");
         let values = |event: Event| event.summary.expect("values").value;
         let named = |value: Value| (value.tag, value.simple_value.expect("a scalar"));
         events.into_iter().map(|e| (e.step, e.wall_time, values(e).into_iter().map(named).collect())).collect()
@@ -164,7 +235,7 @@ mod tests {
     #[test]
     fn a_row_becomes_an_event_with_the_values_that_exist() {
         let directory = tempfile::tempdir().expect("a directory");
-        let mut file = EventFile::create(directory.path(), 1000, &[]).expect("writable");
+        let mut file = EventFile::create(directory.path(), 1000, &Settings::new(), &[]).expect("writable");
         file.append(&row(200, 10.0, 2000.0, None)).expect("writable");
         file.append(&row(400, 15.0, 4000.0, Some(0.125))).expect("writable");
         let read = read(directory.path());
@@ -182,21 +253,51 @@ mod tests {
     }
 
     #[test]
+    fn settings_and_pictures_have_the_form_that_tensorboard_reads() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let settings = [("lambda", "0.5"), ("hand", "\"x\""), ("task.observe_id", "true"), ("workers", "2")];
+        let settings: Settings = settings.map(|(key, value)| (key.to_owned(), value.to_owned())).into();
+        EventFile::create(directory.path(), 9, &settings, &[]).expect("writable");
+        let picture = directory.path().join("grasps.png");
+        // Signature, and the beginning of the first chunk: 3 x 2 pixels.
+        let header = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x03\0\0\0\x02";
+        fs::write(&picture, header).expect("writable");
+        add_pictures(directory.path(), 400, std::slice::from_ref(&picture)).expect("writable");
+        let (_, path) = event_files(directory.path()).expect("readable").remove(0);
+        let events = read_events(&fs::read(&path).expect("readable"));
+        let metadata = |event: &Event| event.summary.clone().and_then(|s| s.value[0].metadata.clone());
+        let data = metadata(&events[1]).and_then(|metadata| metadata.plugin_data).expect("settings");
+        let start = Hparams::decode(data.content.as_slice()).expect("a message").session_start_info.expect("a start");
+        let value = |key: &str| start.hparams.get(key).and_then(|setting| setting.value.clone());
+        assert_eq!(value("lambda"), Some(SettingValue::Number(0.5)));
+        assert_eq!(value("hand"), Some(SettingValue::Text("x".to_owned())));
+        assert_eq!(value("task.observe_id"), Some(SettingValue::Bool(true)));
+        assert_eq!((value("workers"), start.start_time_secs), (None, 9.0));
+        let shown = events[2].summary.clone().expect("a picture").value.remove(0);
+        let image = shown.image.expect("a picture");
+        assert_eq!((shown.tag.as_str(), image.width, image.height, events[2].step), ("pictures/grasps", 3, 2, 400));
+        assert_eq!(image.encoded, header);
+        fs::write(&picture, "no picture").expect("writable");
+        let error = add_pictures(directory.path(), 1, &[picture]).expect_err("no PNG").to_string();
+        assert!(error.contains("grasps.png"), "{error}");
+    }
+
+    #[test]
     fn a_file_that_is_written_anew_holds_the_kept_rows_once() {
         let rows = [(200, 10.0, 2000.0, 1.0), (400, 15.0, 4000.0, 0.5), (600, 17.0, 6000.0, 0.25)]
             .map(|(episode, wall_s, steps, loss)| row(episode, wall_s, steps, Some(loss)));
         let whole = tempfile::tempdir().expect("a directory");
-        let mut file = EventFile::create(whole.path(), 7, &[]).expect("writable");
+        let mut file = EventFile::create(whole.path(), 7, &Settings::new(), &[]).expect("writable");
         rows.iter().for_each(|row| file.append(row).expect("writable"));
         let resumed = tempfile::tempdir().expect("a directory");
-        let mut file = EventFile::create(resumed.path(), 7, &[]).expect("writable");
+        let mut file = EventFile::create(resumed.path(), 7, &Settings::new(), &[]).expect("writable");
         rows.iter().for_each(|row| file.append(row).expect("writable"));
         drop(file);
         // A kill can leave a half-written event at the end.
         let (first, path) = event_files(resumed.path()).expect("readable").remove(0);
         let bytes = fs::read(&path).expect("readable");
         fs::write(&path, &bytes[..bytes.len() - 5]).expect("writable");
-        let mut file = EventFile::create(resumed.path(), 7, &rows[..1]).expect("writable");
+        let mut file = EventFile::create(resumed.path(), 7, &Settings::new(), &rows[..1]).expect("writable");
         rows[1..].iter().for_each(|row| file.append(row).expect("writable"));
         assert_eq!(read(whole.path()), read(resumed.path()));
         assert!(event_files(resumed.path()).expect("readable")[0].0 > first, "the new name is later");

@@ -10,6 +10,7 @@ use crate::import::imported::{Assets, ImportOptions};
 use crate::import::mesh::{Changes, MAX_FACES, MIN_HALF, Mesh, READABLE};
 use crate::manifest::MANIFEST_FILE;
 use crate::sources;
+use crate::sources::read_text;
 
 /// The result of reading a mesh.
 #[derive(Debug, Clone)]
@@ -184,6 +185,6 @@ fn read(path: &Path, link: &str) -> Result<Mesh, HandError> {
 
 /// Returns true if a directory holds the manifest of a ROS package with this name.
 fn is_package(directory: &Path, name: &str) -> bool {
-    std::fs::read_to_string(directory.join("package.xml"))
+    read_text(&directory.join("package.xml"))
         .is_ok_and(|text| text.split_whitespace().collect::<String>().contains(&format!("<name>{name}</name>")))
 }
