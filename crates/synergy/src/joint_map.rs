@@ -47,9 +47,11 @@ impl JointMap {
         postures: &[P],
     ) -> Result<JointMap, SynergyError> {
         check_joints(joints)?;
-        if commands.len() != postures.len() || commands.len() < 2 {
-            let expected = format!("{}, at least 2", commands.len());
-            return Err(SynergyError::invalid("number of postures", expected, postures.len()));
+        if commands.len() != postures.len() {
+            return Err(SynergyError::invalid("number of postures", commands.len().to_string(), postures.len()));
+        }
+        if commands.len() < 2 {
+            return Err(SynergyError::invalid("number of samples", "at least 2", commands.len()));
         }
         for (row, posture) in postures.iter().enumerate() {
             check_posture(posture.as_ref(), joints.len(), row)?;

@@ -28,6 +28,8 @@ impl ControlProduct {
     /// (motions that the space describes, motions of the policy, and those with fewer numbers) => the product, with the joint
     /// positions and grasps of the policy; none while there are too few motions
     ///
+    /// A policy without a success has no grasps. The joint positions are then those of the motions that the space describes.
+    ///
     /// # Errors
     /// [`TrainError::Synergy`].
     pub fn of(
@@ -40,8 +42,9 @@ impl ControlProduct {
     ) -> Result<Option<ControlProduct>, TrainError> {
         let Some(mut synergy) = control_space(&actuators.coordinates, described, components)? else { return Ok(None) };
         let commands_of = |steps: &[MotionRecord]| steps.iter().map(|step| step.command.clone()).collect::<Vec<_>>();
-        let postures: Vec<_> = motions.iter().map(|step| step.posture.as_slice()).collect();
-        let mut joint_map = JointMap::fit(&synergy, &commands_of(motions), joints, &postures)?;
+        let measured = if motions.is_empty() { described } else { motions };
+        let postures: Vec<_> = measured.iter().map(|step| step.posture.as_slice()).collect();
+        let mut joint_map = JointMap::fit(&synergy, &commands_of(measured), joints, &postures)?;
         let known = |name: &&String| joints.iter().any(|joint| joint.name == **name);
         joint_map.free.extend(actuators.free.iter().filter(known).cloned());
         synergy.widen(&commands_of(motions));
@@ -188,6 +191,27 @@ mod tests {
         product.recommend(&[0.1, 0.2, 0.3, 0.4], 0.97, 200);
         assert_eq!(product.recommended, None);
     }
+
+    #[test]
+    fn a_settled_space_without_successes_of_the_policy_has_a_joint_map_and_no_grasps() {
+        let actuators = crate::actuators::tests::actuators();
+        let joint = |name: &str| JointInfo { name: name.to_owned(), unit: Unit::Radian, lower: -9.0, upper: 9.0 };
+        let step = |at: u32| MotionRecord {
+            episode: 0,
+            object: "cube".to_owned(),
+            step: at,
+            held: at > 1,
+            posture: vec![0.0, 0.2 * f64::from(at)],
+            command: vec![0.1 * f64::from(at); actuators.coordinates.len()],
+        };
+        let described: Vec<MotionRecord> = (0..4).map(step).collect();
+        let product =
+            ControlProduct::of(&actuators, &[joint("a"), joint("b")], &described, &[], &[], 1).unwrap().unwrap();
+        assert!(product.grasps.is_empty());
+        let z = product.synergy.encode(&described[3].command);
+        assert!((product.joint_map.decode(&z)[1] - 0.6).abs() < 1e-6, "{:?}", product.joint_map.decode(&z));
+    }
+
     #[test]
     fn a_grasp_opens_where_the_hand_is_nearest_to_the_open_one_before_it_holds() {
         // The hand's joint is the second of a posture, and the hand is open at 0.5.
