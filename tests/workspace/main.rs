@@ -14,7 +14,10 @@ mod docs;
 mod edges;
 mod examples;
 mod explorer;
+mod fuzz;
 mod gripper;
+#[path = "../../fuzz/src/inputs.rs"]
+mod inputs;
 mod new_hand;
 mod published;
 mod python;

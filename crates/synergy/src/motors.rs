@@ -130,7 +130,7 @@ impl MotorMap {
             if !ids.insert(motor.id) {
                 return wrong("id", "a number that no other motor has", motor.id.to_string());
             }
-            if motor.sign.abs() != 1 {
+            if !matches!(motor.sign, 1 | -1) {
                 return wrong("sign", "1 or -1", motor.sign.to_string());
             }
             if !(motor.scale.is_finite() && motor.scale > 0.0) {

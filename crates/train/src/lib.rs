@@ -55,6 +55,8 @@ mod trainer;
 pub use action_space::ActionSpace;
 pub use assessment::{Assessment, ObjectScore, wilson_interval};
 pub use assignment::Assignment;
+pub use checkpoint::newest_learner;
+pub use counters::Counters;
 pub use drive::{Drive, Driven, Freedom, MOST_COMPONENTS};
 pub use error::TrainError;
 pub use evaluation::{Evaluation, EvaluationStream, Grasp, Tally, evaluate};

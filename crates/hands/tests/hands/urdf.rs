@@ -304,6 +304,15 @@ fn prefixes_need_no_declaration() {
     assert_eq!(convert(&commented).model, convert(FINGER).model);
 }
 
+/// Parsers that compare each attribute or prefix with all others would take long for these.
+#[test]
+fn attributes_and_prefixes_without_end_change_nothing() {
+    let many: String = (0..10_000).map(|i| format!(" a{i}=\"\" p{i}:a=\"\"")).collect();
+    let robot = FINGER.replace("<link name=\"tip\"", &format!("<link name=\"tip\"{many}"));
+    assert_ne!(robot, FINGER);
+    assert_eq!(convert(&robot).model, convert(FINGER).model);
+}
+
 /// MuJoCo looks for a centre of mass where a body has several geoms without mass.
 #[test]
 fn a_fixed_link_without_inertia_says_that_it_has_none() {
