@@ -4,9 +4,10 @@ use std::path::PathBuf;
 use std::process::Command;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use eigenhand_train::reproduce::children::{Ending, train};
-use eigenhand_train::reproduce::{Comparison, Member, Overview, OverviewDisplay, Reproduction, Request, State};
+use eigenhand_train::reproduce::{Comparison, Reproduction, Request};
 use eigenhand_train::request::{NewRun, resolve};
+use eigenhand_train::runs::children::{Ending, train};
+use eigenhand_train::runs::{Job, Overview, OverviewDisplay, State};
 use eigenhand_train::{Provenance, RunDirectory, TrainError};
 use tempfile::TempDir;
 
@@ -78,10 +79,10 @@ impl OverviewDisplay for Display<'_> {
 
 /// Returns the command of a shell that runs instead of a training. `env` restores the default interrupt first: a test
 /// in the background inherits an ignored interrupt, and a shell cannot trap a signal that was ignored at its start.
-fn shell(script: &str) -> impl Fn(&Member) -> Result<Command, TrainError> {
-    move |member| {
+fn shell(script: &str, jobs: &[Job]) -> impl Fn(usize) -> Result<Command, TrainError> {
+    move |i| {
         let mut command = Command::new("env");
-        command.args(["--default-signal=INT", "sh", "-c", script, &member.name]);
+        command.args(["--default-signal=INT", "sh", "-c", script, &jobs[i].name]);
         Ok(command)
     }
 }
@@ -90,9 +91,9 @@ fn shell(script: &str) -> impl Fn(&Member) -> Result<Command, TrainError> {
 fn runs_are_interleaved_and_named_once() {
     let place = Place::new();
     let reproduction = place.prepare(&[4, 2, 4]);
-    let names: Vec<&str> = reproduction.members.iter().map(|member| member.name.as_str()).collect();
+    let names: Vec<&str> = reproduction.members.iter().map(|member| member.job.name.as_str()).collect();
     assert_eq!(names, ["l0-s4", "l1-s4", "l0-s2", "l1-s2"]);
-    assert!(reproduction.members.iter().all(|member| member.state == State::New && member.episodes == 24));
+    assert!(reproduction.jobs().iter().all(|job| job.state == State::New && job.episodes == 24));
     assert!(matches!(Reproduction::prepare(&place.request(&[1])), Err(TrainError::Locked { .. })));
 }
 
@@ -100,9 +101,10 @@ fn runs_are_interleaved_and_named_once() {
 fn a_process_that_fails_is_shown_with_its_last_words_and_the_others_go_on() {
     let place = Place::new();
     let reproduction = place.prepare(&[1]);
+    let jobs = reproduction.jobs();
     let mut display = Display::default();
     let script = "echo episode 3 of 24; echo error: $0 is out of luck >&2; echo so much for it >&2; exit 3";
-    let endings = train(&reproduction, 1, &AtomicUsize::new(0), &shell(script), &mut display).unwrap();
+    let endings = train(&jobs, 1, &AtomicUsize::new(0), &shell(script, &jobs), &mut display).unwrap();
     for (ending, name) in endings.iter().zip(["l0-s1", "l1-s1"]) {
         let Ending::Failed { status, lines } = ending else { panic!("{ending:?}") };
         assert!(status.contains('3'), "{status}");
@@ -112,7 +114,7 @@ fn a_process_that_fails_is_shown_with_its_last_words_and_the_others_go_on() {
     assert!(display.notes.iter().any(|note| note.contains("l1-s1 failed") && note.contains("out of luck")));
 
     // A process that ends without an error but has trained nothing has failed too.
-    let endings = train(&reproduction, 2, &AtomicUsize::new(0), &shell("exit 0"), &mut display).unwrap();
+    let endings = train(&jobs, 2, &AtomicUsize::new(0), &shell("exit 0", &jobs), &mut display).unwrap();
     assert!(endings.iter().all(|ending| matches!(ending, Ending::Failed { .. })));
 }
 
@@ -127,7 +129,8 @@ fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
     std::fs::write(&foreign, "mine").unwrap();
 
     let reproduction = place.prepare(&[1]);
-    let endings = train(&reproduction, 2, &AtomicUsize::new(0), &shell("exit 0"), &mut Display::default()).unwrap();
+    let jobs = reproduction.jobs();
+    let endings = train(&jobs, 2, &AtomicUsize::new(0), &shell("exit 0", &jobs), &mut Display::default()).unwrap();
     for (ending, reason) in endings.iter().zip(["in use", "other files"]) {
         let Ending::Failed { lines, .. } = ending else { panic!("{ending:?}") };
         assert!(lines[0].contains(reason), "{lines:?}");
@@ -137,12 +140,12 @@ fn a_directory_that_is_in_use_or_is_not_a_run_is_left_alone() {
     // Once the directory is free, a run that has trained nothing is replaced.
     drop(used);
     let script = "test ! -e \"$0\" && exit 7";
-    let there = |member: &Member| {
+    let there = |i: usize| {
         let mut command = Command::new("sh");
-        command.args(["-c", script]).arg(&member.run);
+        command.args(["-c", script]).arg(&jobs[i].run);
         Ok(command)
     };
-    let endings = train(&reproduction, 1, &AtomicUsize::new(0), &there, &mut Display::default()).unwrap();
+    let endings = train(&jobs, 1, &AtomicUsize::new(0), &there, &mut Display::default()).unwrap();
     assert!(matches!(&endings[0], Ending::Failed { status, .. } if status.contains('7')), "{endings:?}");
 }
 
@@ -161,10 +164,11 @@ impl OverviewDisplay for Gone {
 fn no_process_is_left_behind_when_the_display_fails() {
     let place = Place::new();
     let reproduction = place.prepare(&[1]);
+    let jobs = reproduction.jobs();
     let [ready, told] = ["ready", "told"].map(|name| place.directory().join(name));
     let wait = "while :; do sleep 0.05; done";
     let script = format!("trap 'touch \"{}\"; exit 1' INT; touch \"{}\"; {wait}", told.display(), ready.display());
-    let run = || train(&reproduction, 1, &AtomicUsize::new(0), &shell(&script), &mut Gone(ready.clone()));
+    let run = || train(&jobs, 1, &AtomicUsize::new(0), &shell(&script, &jobs), &mut Gone(ready.clone()));
     assert!(std::panic::catch_unwind(std::panic::AssertUnwindSafe(run)).is_err());
     assert!(told.exists(), "the process was asked to stop, and its end was awaited");
 }
@@ -173,10 +177,11 @@ fn no_process_is_left_behind_when_the_display_fails() {
 fn a_process_that_ignores_the_first_request_to_stop_is_killed_at_the_second() {
     let place = Place::new();
     let reproduction = place.prepare(&[1]);
+    let jobs = reproduction.jobs();
     let stop = AtomicUsize::new(0);
     let mut display = Display { stop: Some(&stop), ..Display::default() };
     let started = std::time::Instant::now();
-    let endings = train(&reproduction, 1, &stop, &shell("trap '' INT; exec sleep 60"), &mut display).unwrap();
+    let endings = train(&jobs, 1, &stop, &shell("trap '' INT; exec sleep 60", &jobs), &mut display).unwrap();
     assert!(started.elapsed().as_secs() < 50, "the process was waited for");
     assert_eq!(endings, [Ending::Stopped, Ending::Stopped]);
     assert!(!display.notes.iter().any(|note| note.contains("l1-s1 starts")), "no run starts after a request to stop");

@@ -23,7 +23,9 @@ mod report;
 mod reproduce;
 mod settings;
 pub mod setup;
+mod several;
 mod signals;
+mod sweep;
 mod synergy;
 mod train;
 
@@ -49,6 +51,7 @@ pub enum Command {
     Train(Box<train::Args>),
     Eval(eval::Args),
     Reproduce(Box<reproduce::Args>),
+    Sweep(sweep::Args),
     Report(report::Args),
     Export(export::Args),
     Render(render::Args),
@@ -70,6 +73,7 @@ impl Command {
             Command::Train(args) => train::run(args),
             Command::Eval(args) => eval::run(args),
             Command::Reproduce(args) => reproduce::run(args),
+            Command::Sweep(args) => sweep::run(args),
             Command::Report(args) => report::run(args),
             Command::Export(args) => export::run(args),
             Command::Render(args) => render::run(args),

@@ -1,32 +1,20 @@
 //! `eigenhand reproduce`
 
-use std::io::IsTerminal;
 use std::path::PathBuf;
-use std::process::Command;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
+use std::sync::atomic::Ordering;
 
-use anyhow::Context;
 use eigenhand_report::counted;
-use eigenhand_train::config::worker_count;
-use eigenhand_train::reproduce::children::{Ending, train};
-use eigenhand_train::reproduce::{
-    Comparison, Member, OverviewBars, OverviewDisplay, OverviewLines, Reproduction, Request, Silent, State,
-};
+use eigenhand_train::reproduce::{Comparison, Member, Reproduction, Request};
 use eigenhand_train::request::NewRun;
+use eigenhand_train::runs::State;
+use eigenhand_train::runs::children::{Ending, train};
 use eigenhand_train::say;
 
 use crate::numbers::{LARGEST, number, whole};
 use crate::output::Outcome;
 use crate::settings::SettingsArgs;
-use crate::signals::on_stop;
-use crate::{program, report, setup};
-
-/// Cores that one run keeps busy: one learns while another simulates.
-const CORES_PER_RUN: usize = 2;
-/// Time between two lines of progress where there is no terminal.
-const LINE_EVERY: Duration = Duration::from_secs(30);
+use crate::several::{Share, again, count_signals, display, failed, own_program, same_command};
+use crate::{report, setup};
 
 const EXAMPLES: &str = "\
 Each run is a separate process, with its own directory l<lambda>-s<seed> and its output in l<lambda>-s<seed>.log. To
@@ -117,31 +105,23 @@ fn parse_seeds(text: &str) -> Result<Seeds, String> {
 pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     setup::ensure_mujoco(&args.install)?;
     let reproduction = Reproduction::prepare(&args.request())?;
-    let waiting = reproduction.members.iter().filter(|member| member.state != State::Complete).count();
-    let cores = worker_count(0);
-    let jobs = args.jobs.map_or_else(|| (cores / CORES_PER_RUN).max(1), |jobs| jobs as usize).min(waiting.max(1));
-    let workers = (cores / jobs).max(1);
+    let jobs = reproduction.jobs();
+    let share = Share::of(args.jobs, jobs.iter().filter(|job| !job.is_done()).count());
     if !args.quiet {
-        say!("{}", heading(&reproduction, jobs, workers).trim_end());
+        say!("{}", heading(&reproduction, share).trim_end());
     }
     let stop = count_signals()?;
-    let mut display: Box<dyn OverviewDisplay> = if args.quiet {
-        Box::new(Silent)
-    } else if std::io::stderr().is_terminal() {
-        Box::new(OverviewBars::new())
-    } else {
-        Box::new(OverviewLines::new(LINE_EVERY))
-    };
+    let mut display = display(args.quiet);
     let program = own_program()?;
-    let command = |member: &Member| {
-        let mut command = Command::new(&program);
-        std::os::unix::process::CommandExt::arg0(&mut command, std::env::args_os().next().unwrap_or_default());
+    let command = |position: usize| {
+        let member = &reproduction.members[position];
+        let mut command = again(&program);
         reproduction.make_space(member)?;
-        command.args(args.arguments(member, &reproduction.config.hand, workers));
+        command.args(args.arguments(member, &reproduction.config.hand, share.workers));
         Ok(command)
     };
-    let endings = train(&reproduction, jobs, &stop, &command, display.as_mut())?;
-    let failed: Vec<&str> = names(&reproduction, &endings, |ending| matches!(ending, Ending::Failed { .. }));
+    let endings = train(&jobs, share.jobs, &stop, &command, display.as_mut())?;
+    let failed = failed(&jobs, &endings);
     if stop.load(Ordering::Relaxed) > 0 && endings.contains(&Ending::Stopped) {
         say!("continue with: {}", same_command());
         return Ok(Outcome::Interrupted);
@@ -182,75 +162,44 @@ impl Args {
     fn arguments(&self, member: &Member, hand: &str, workers: usize) -> Vec<std::ffi::OsString> {
         let mut arguments = vec!["train".into(), "--no-install".into(), "--workers".into(), workers.to_string().into()];
         let mut option = |name: &str, value: std::ffi::OsString| arguments.extend([name.into(), value]);
-        if member.state != State::New {
+        if member.job.state != State::New {
             self.settings.plugins.iter().for_each(|directory| option("--plugins", directory.into()));
-            option("--resume", member.run.clone().into());
+            option("--resume", member.job.run.clone().into());
             return arguments;
         }
         option("--lambda", member.variant.lambda.to_string().into());
         option("--seed", member.seed.to_string().into());
-        option("--out", member.run.clone().into());
+        option("--out", member.job.run.clone().into());
         option("--hand", hand.into());
         if let (Some(synergy), Some(numbers)) = (&member.synergy, &member.variant.space) {
             option("--action-space", "synergy".into());
             option("--synergy", synergy.into());
             option("--components", numbers.components.to_string().into());
         }
-        let episodes = Some(member.episodes);
+        let episodes = Some(member.job.episodes);
         let settings = SettingsArgs { assignments: self.assignments(), episodes, ..self.settings.clone() };
         arguments.extend(settings.arguments());
         arguments
     }
 }
 
-fn names<'a>(reproduction: &'a Reproduction, endings: &[Ending], chosen: impl Fn(&Ending) -> bool) -> Vec<&'a str> {
-    let pairs = reproduction.members.iter().zip(endings);
-    pairs.filter(|(_, ending)| chosen(ending)).map(|(member, _)| member.name.as_str()).collect()
-}
-
-fn heading(reproduction: &Reproduction, jobs: usize, workers: usize) -> String {
+fn heading(reproduction: &Reproduction, Share { jobs, workers }: Share) -> String {
     let Reproduction { directory, config, members, .. } = reproduction;
     let hand = &reproduction.hand.manifest.name;
-    let count = |chosen: fn(&State) -> bool| members.iter().filter(|member| chosen(&member.state)).count();
+    let count = |chosen: fn(&State) -> bool| members.iter().filter(|member| chosen(&member.job.state)).count();
     let complete = count(|state| *state == State::Complete);
     let interrupted = count(|state| matches!(state, State::Interrupted { .. }));
-    let names: Vec<&str> = members.iter().map(|member| member.name.as_str()).collect();
+    let names: Vec<&str> = members.iter().map(|member| member.job.name.as_str()).collect();
     format!(
         "runs      {}/\nhand      {hand}, preset {}\ntraining  {} with {} episodes in all: {}\n          {complete} complete, \
          {interrupted} to be resumed, {jobs} at a time with {} each\n",
         directory.display(),
         config.preset.name(),
         counted(members.len(), "run"),
-        members.iter().map(|member| member.episodes).sum::<u64>(),
+        members.iter().map(|member| member.job.episodes).sum::<u64>(),
         names.join(", "),
         counted(workers, "worker"),
     )
-}
-
-/// Returns a path to this program, for starting it again. On Linux, the path leads to the running program even if its
-/// file has been rebuilt since, so that the same program makes all runs.
-fn own_program() -> anyhow::Result<PathBuf> {
-    let running = PathBuf::from("/proc/self/exe");
-    if running.exists() { Ok(running) } else { std::env::current_exe().context("cannot find this program's own file") }
-}
-
-/// Counts Ctrl-C and SIGTERM.
-fn count_signals() -> anyhow::Result<Arc<AtomicUsize>> {
-    let stop = Arc::new(AtomicUsize::new(0));
-    let counter = Arc::clone(&stop);
-    on_stop(move || {
-        if counter.fetch_add(1, Ordering::Relaxed) == 0 {
-            let newline = if std::io::stderr().is_terminal() { "\n" } else { "" };
-            say!("{newline}saving and stopping all runs; Ctrl-C again stops at once{newline}");
-        }
-    })?;
-    Ok(stop)
-}
-
-/// Returns the command line in a form that can be typed again.
-fn same_command() -> String {
-    let words: Vec<String> = std::env::args().skip(1).map(|word| program::word(&word)).collect();
-    program::line(&words.join(" "))
 }
 
 #[cfg(test)]

@@ -10,8 +10,8 @@ use std::time::Duration;
 use eigenhand_report::counted;
 use eigenhand_train::request::{Launch, NewRun, Plan, ResumedRun};
 use eigenhand_train::{
-    Bar, FinishedRun, Lines, MOST_COMPONENTS, PICTURES, Progress, Quiet, StoppedBy, Summary, TrainError, add_pictures,
-    say,
+    Bar, Counting, FinishedRun, Lines, MOST_COMPONENTS, PICTURES, Progress, Quiet, Status, StoppedBy, Summary,
+    TrainError, add_pictures, say,
 };
 use serde::Serialize;
 
@@ -79,6 +79,9 @@ pub struct Args {
         conflicts_with_all = ["hand", "preset", "lambda", "seed", "objects", "config", "assignments", "out", "action_space", "synergy", "components", "from"]
     )]
     resume: Option<PathBuf>,
+    /// Saves and stops after this many training episodes; continue it later with --resume
+    #[arg(long, value_name = "N", value_parser = whole::<u64>(1..=LARGEST))]
+    until: Option<u64>,
     /// Threads for simulation and for updates; 0 means one for each core. The result does not depend on this number
     #[arg(long, value_name = "N", value_parser = whole::<usize>(0..=1024))]
     workers: Option<usize>,
@@ -103,6 +106,38 @@ pub fn on_stderr() -> Box<dyn Progress> {
     if std::io::stderr().is_terminal() { Box::new(Bar::new()) } else { Box::new(Lines::new(LINE_EVERY)) }
 }
 
+/// Shows progress, and asks the run to stop after some training episodes.
+struct Until {
+    shown: Box<dyn Progress>,
+    episodes: u64,
+    stop: Arc<AtomicBool>,
+}
+
+impl Progress for Until {
+    fn update(&mut self, status: &Status) {
+        if status.episodes >= self.episodes {
+            self.stop.store(true, Ordering::Relaxed);
+        }
+        self.shown.update(status);
+    }
+
+    fn note(&mut self, line: &str) {
+        self.shown.note(line);
+    }
+
+    fn warn(&mut self, line: &str) {
+        self.shown.warn(line);
+    }
+
+    fn counting(&mut self) -> Option<Counting> {
+        self.shown.counting()
+    }
+
+    fn finish(&mut self) {
+        self.shown.finish();
+    }
+}
+
 /// A summary with its run directory.
 #[derive(Serialize)]
 struct Report<'a> {
@@ -119,10 +154,12 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         say!("{}", heading(&plan).trim_end());
     }
     let stop = stop_on_signal()?;
-    let mut progress: Box<dyn Progress> = if args.quiet { Box::new(Quiet) } else { on_stderr() };
+    let shown: Box<dyn Progress> = if args.quiet { Box::new(Quiet) } else { on_stderr() };
+    let until = args.until.unwrap_or(u64::MAX);
+    let mut progress = Until { shown, episodes: until, stop: Arc::clone(&stop) };
     let plugins = program::plugins(&args.settings.plugins);
     let resume = program::line(&format!("train --resume {}{plugins}", program::path(&plan.run)));
-    let summary = launch.run(&stop, progress.as_mut()).map_err(|error| explain(error, &resume))?;
+    let summary = launch.run(&stop, &mut progress).map_err(|error| explain(error, &resume))?;
     // The results come first: what goes wrong in a picture must not cost them.
     if args.json {
         print_json(&Report { run: plan.run.clone(), summary: &summary })?;
@@ -136,7 +173,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         StoppedBy::Episodes => Ok(Outcome::Done),
         StoppedBy::Interrupt => {
             say!("continue with: {resume}");
-            Ok(Outcome::Interrupted)
+            Ok(if summary.episodes >= until { Outcome::Done } else { Outcome::Interrupted })
         }
     }
 }

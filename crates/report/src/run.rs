@@ -6,7 +6,7 @@ use eigenhand_synergy::{Import, PostureDatabase, Synergy, SynergyError, newest};
 use eigenhand_train::config::{ConfigError, Settings};
 use eigenhand_train::{
     DATABASE, MetricsRow, PICTURES, Provenance, SYNERGY, Stress, Summary, TrainError, is_run, read_metrics,
-    read_provenance, read_settings, reproduce,
+    read_provenance, read_settings, runs,
 };
 
 use crate::ReportError;
@@ -168,7 +168,7 @@ pub fn read_runs(paths: &[PathBuf]) -> Result<Vec<Run>, ReportError> {
             directories.push(path.clone());
             continue;
         }
-        let found = if path.is_dir() { reproduce::runs_in(path)? } else { Vec::new() };
+        let found = if path.is_dir() { runs::runs_in(path)? } else { Vec::new() };
         if found.is_empty() {
             return Err(ReportError::NoRuns { path: path.clone() });
         }

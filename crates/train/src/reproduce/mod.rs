@@ -1,27 +1,23 @@
 //! Experiments of several runs: the same training for several lambdas or action spaces, and several seeds.
 //!
-//! A [`Comparison`] says what the runs differ in. [`Reproduction`] lists the runs and their state; [`children`] trains
-//! them, one process for each run.
+//! A [`Comparison`] says what the runs differ in. [`Reproduction`] lists the runs and their state.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use crate::config::{RunConfig, Settings, differences};
 use crate::request::{NewRun, resolve};
-use crate::run_dir::{LOCK, is_run, lock, read_config, read_provenance};
-use crate::{Summary, TrainError, checkpoint, json_file};
-use eigenhand_files::{cannot, create_directory};
+use crate::run_dir::{is_run, lock, read_config, read_provenance};
+use crate::runs::{Job, runs_in};
+use crate::{TrainError, json_file};
+use eigenhand_files::create_directory;
 use eigenhand_hands::Hand;
 
-pub mod children;
-mod overview;
 mod spaces;
 mod variant;
 
 use variant::run_name;
 pub use variant::{Comparison, Directions, Numbers, STUDY, StudyFile, StudyVariant, Variant};
-
-pub use overview::{Overview, OverviewBars, OverviewDisplay, OverviewLines, Progressing, Silent};
 
 /// Keys in which the runs of one reproduction may differ: lambda and seed, and `workers`, which does not affect
 /// results.
@@ -42,41 +38,17 @@ pub struct Request {
     pub out: Option<PathBuf>,
 }
 
-/// State of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// It has no checkpoint.
-    New,
-    /// It can be resumed from its newest checkpoint.
-    Interrupted {
-        /// Training episodes before that checkpoint.
-        episodes: u64,
-    },
-    /// It was trained and evaluated to its end.
-    Complete,
-}
-
 /// One run of a reproduction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Member {
-    /// `<variant>-s<seed>`.
-    pub name: String,
+    /// The run, `<variant>-s<seed>`.
+    pub job: Job,
     /// What it differs in.
     pub variant: Variant,
     /// Seed.
     pub seed: u64,
     /// The synergy in which its policy acts; none if it commands every joint.
     pub synergy: Option<PathBuf>,
-    /// The run that has to be complete before this one starts.
-    pub needs: Option<PathBuf>,
-    /// Training episodes in all.
-    pub episodes: u64,
-    /// The run directory.
-    pub run: PathBuf,
-    /// File with the output of its process.
-    pub log: PathBuf,
-    /// Its state.
-    pub state: State,
 }
 
 /// A directory of runs, locked for this process.
@@ -143,8 +115,8 @@ impl Reproduction {
                 ..request.settings.clone()
             })?;
             let member = Member::of(variant, &config, &directory)?;
-            if is_run(&member.run) {
-                check_settings(&member.run, &config.settings()?, &comparison.free())?;
+            if is_run(&member.job.run) {
+                check_settings(&member.job.run, &config.settings()?, &comparison.free())?;
             }
             members.push(member);
         }
@@ -165,13 +137,18 @@ impl Reproduction {
         Ok(Reproduction { directory, hand, config, members, _lock: lock })
     }
 
+    /// Returns the runs, in the order of the members.
+    pub fn jobs(&self) -> Vec<Job> {
+        self.members.iter().map(|member| member.job.clone()).collect()
+    }
+
     /// Makes the space in which a member's policy acts, if the study makes it.
     ///
     /// # Errors
     /// [`TrainError::NoMotions`] for a run without a synergy, [`TrainError::File`].
     pub fn make_space(&self, member: &Member) -> Result<(), TrainError> {
         let (Some(path), Some(numbers)) = (&member.synergy, &member.variant.space) else { return Ok(()) };
-        match (&numbers.directions, &member.needs) {
+        match (&numbers.directions, &member.job.needs) {
             (Directions::Random(_), Some(run)) => spaces::write_random(run, numbers.components, member.seed, path),
             (Directions::Closing, _) => spaces::write_closing(&self.hand, &self.config, path),
             _ => Ok(()),
@@ -205,74 +182,18 @@ fn write_study(variants: &[Variant], seeds: &[u64], directory: &Path) -> Result<
 
 impl Member {
     fn of(variant: &Variant, config: &RunConfig, directory: &Path) -> Result<Member, TrainError> {
-        let name = variant.run_name(config.seed);
-        let run = directory.join(&name);
+        let job = Job::in_directory(directory, variant.run_name(config.seed), config.episodes)?;
+        let needs = variant.needs().map(|needed| directory.join(run_name(needed, config.seed)));
         Ok(Member {
+            job: Job { needs, ..job },
             variant: variant.clone(),
             seed: config.seed,
             synergy: variant.synergy_path(directory, config.seed),
-            needs: variant.needs().map(|needed| directory.join(run_name(needed, config.seed))),
-            episodes: config.episodes,
-            log: directory.join(format!("{name}.log")),
-            state: state_of(&run)?,
-            run,
-            name,
         })
     }
-
-    /// Returns the number of training episodes that are done.
-    pub fn episodes_done(&self) -> u64 {
-        match self.state {
-            State::New => 0,
-            State::Interrupted { episodes } => episodes,
-            State::Complete => self.episodes,
-        }
-    }
-
-    /// Removes the directory of a run without a checkpoint, so that the run can start again.
-    ///
-    /// # Errors
-    /// [`TrainError::NotARun`] when the directory holds other files, [`TrainError::Locked`] when another process still
-    /// trains there, [`TrainError::File`].
-    pub(crate) fn clear(&self) -> Result<(), TrainError> {
-        let foreign = |entry: &std::fs::DirEntry| {
-            let name = entry.file_name();
-            name != LOCK && !name.to_string_lossy().ends_with(".partial")
-        };
-        let Ok(entries) = self.run.read_dir() else { return Ok(()) };
-        if !is_run(&self.run) && entries.flatten().any(|entry| foreign(&entry)) {
-            let reason = "it holds other files; move them away".to_owned();
-            return Err(TrainError::NotARun { path: self.run.clone(), reason });
-        }
-        let _held = lock(&self.run)?;
-        Ok(std::fs::remove_dir_all(&self.run).map_err(cannot("remove", &self.run))?)
-    }
 }
 
-/// Lists the run directories in a directory, by name.
-///
-/// # Errors
-/// [`TrainError::File`].
-pub fn runs_in(directory: &Path) -> Result<Vec<PathBuf>, TrainError> {
-    let mut runs = Vec::new();
-    for entry in directory.read_dir().map_err(cannot("read", directory))? {
-        let path = entry.map_err(cannot("read", directory))?.path();
-        if is_run(&path) {
-            runs.push(path);
-        }
-    }
-    runs.sort();
-    Ok(runs)
-}
-
-fn state_of(run: &Path) -> Result<State, TrainError> {
-    if Summary::read(run)?.is_some_and(|summary| summary.is_complete()) {
-        return Ok(State::Complete);
-    }
-    Ok(checkpoint::newest(run)?.map_or(State::New, |episodes| State::Interrupted { episodes }))
-}
-
-fn check_settings(run: &Path, asked: &Settings, varied: &[&str]) -> Result<(), TrainError> {
+pub(crate) fn check_settings(run: &Path, asked: &Settings, varied: &[&str]) -> Result<(), TrainError> {
     let made = read_config(run)?.settings()?;
     let found: Vec<String> = differences(&made, asked)
         .into_iter()
@@ -307,7 +228,7 @@ fn refuse_varied(settings: &NewRun) -> Result<(), TrainError> {
 }
 
 /// Removes repeated values.
-fn distinct<T: PartialEq + Copy>(values: &[T]) -> Vec<T> {
+pub(crate) fn distinct<T: PartialEq + Copy>(values: &[T]) -> Vec<T> {
     let mut kept = Vec::new();
     for value in values {
         if !kept.contains(value) {

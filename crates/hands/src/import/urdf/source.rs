@@ -97,7 +97,8 @@ fn declare_prefixes(text: &str) -> String {
             }
         }
     }
-    let declarations: String = undeclared.iter().map(|prefix| format!(" xmlns:{prefix}=\"undeclared:{prefix}\"")).collect();
+    let declarations: String =
+        undeclared.iter().map(|prefix| format!(" xmlns:{prefix}=\"undeclared:{prefix}\"")).collect();
     let Some((at, name)) = first_tag(text) else { return text.to_owned() };
     let (before, after) = text.split_at(at + name.len());
     format!("{before}{declarations}{after}")

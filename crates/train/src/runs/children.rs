@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::progress::Status;
-use crate::reproduce::{Member, Overview, OverviewDisplay, Progressing, Reproduction, State, state_of};
+use crate::runs::{Job, Overview, OverviewDisplay, Progressing, State};
 use crate::status::{read_status, remove_status};
 use crate::{Summary, TrainError};
 use eigenhand_files::cannot;
@@ -27,10 +27,10 @@ const SHOWN_LINES: usize = 8;
 /// How a run ended in this session.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Ending {
-    /// It was complete before.
-    WasComplete,
-    /// It is complete now.
-    Completed,
+    /// Nothing was left to be trained.
+    WasDone,
+    /// It was trained to its end.
+    Done,
     /// It was stopped, or not started, because the user asked to stop.
     Stopped,
     /// Its process failed.
@@ -43,7 +43,7 @@ pub enum Ending {
 }
 
 struct Running<'a> {
-    member: &'a Member,
+    job: &'a Job,
     position: usize,
     child: Child,
     /// Length of the log when the process started.
@@ -51,31 +51,31 @@ struct Running<'a> {
     status: Option<Status>,
 }
 
-/// Trains the runs that are not complete, up to `jobs` at a time, and returns how each member ended, in their order.
+/// Trains the runs that are not done, up to `at_a_time` at a time, and returns how each ended, in their order.
 ///
-/// `command` returns the command that trains a member or, depending on its state, resumes it. A member that needs
-/// another run starts once that run is complete, and fails if it cannot become complete. `stop` counts requests to
-/// stop: after the first, the processes are interrupted and save; after the second, they are killed.
+/// `command` gets the position of a run, and returns the command that trains it or, depending on its state, resumes it. A run
+/// that needs another starts once that one is done, and fails if it cannot become so. `stop` counts requests to stop: after
+/// the first, the processes are interrupted and save; after the second, they are killed.
 ///
 /// # Errors
 /// [`TrainError::File`] when waiting for a process fails, or its files cannot be read; running processes are stopped
 /// first. A process that cannot be started is no error of this function: its run has [`Ending::Failed`].
 pub fn train(
-    reproduction: &Reproduction,
-    jobs: usize,
+    jobs: &[Job],
+    at_a_time: usize,
     stop: &AtomicUsize,
-    command: &dyn Fn(&Member) -> Result<Command, TrainError>,
+    command: &dyn Fn(usize) -> Result<Command, TrainError>,
     display: &mut dyn OverviewDisplay,
 ) -> Result<Vec<Ending>, TrainError> {
-    let mut session = Session::new(&reproduction.members);
-    let outcome = session.run(jobs.max(1), stop, command, display);
+    let mut session = Session::new(jobs);
+    let outcome = session.run(at_a_time.max(1), stop, command, display);
     display.finish();
     outcome?;
     Ok(std::mem::take(&mut session.endings).into_iter().map(|ending| ending.unwrap_or(Ending::Stopped)).collect())
 }
 
 struct Session<'a> {
-    members: &'a [Member],
+    jobs: &'a [Job],
     endings: Vec<Option<Ending>>,
     running: Vec<Running<'a>>,
     started: Instant,
@@ -84,42 +84,41 @@ struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    fn new(members: &'a [Member]) -> Session<'a> {
-        let ending = |member: &Member| (member.state == State::Complete).then_some(Ending::WasComplete);
+    fn new(jobs: &'a [Job]) -> Session<'a> {
+        let ending = |job: &Job| (job.is_done()).then_some(Ending::WasDone);
         Session {
-            members,
-            endings: members.iter().map(ending).collect(),
+            jobs,
+            endings: jobs.iter().map(ending).collect(),
             running: Vec::new(),
             started: Instant::now(),
-            done_before: members.iter().map(Member::episodes_done).sum(),
+            done_before: jobs.iter().map(Job::episodes_done).sum(),
         }
     }
 
     fn run(
         &mut self,
-        jobs: usize,
+        at_a_time: usize,
         stop: &AtomicUsize,
-        command: &dyn Fn(&Member) -> Result<Command, TrainError>,
+        command: &dyn Fn(usize) -> Result<Command, TrainError>,
         display: &mut dyn OverviewDisplay,
     ) -> Result<(), TrainError> {
-        let members = self.members;
-        let mut waiting: Vec<(usize, &Member)> =
-            members.iter().enumerate().filter(|(_, member)| member.state != State::Complete).collect();
+        let jobs = self.jobs;
+        let mut waiting: Vec<(usize, &Job)> = jobs.iter().enumerate().filter(|(_, job)| !job.is_done()).collect();
         let mut heeded = 0;
         let mut read: Option<Instant> = None;
         loop {
             let asked = stop.load(Ordering::Relaxed);
-            while asked == 0 && self.running.len() < jobs {
-                let Some((position, member)) = self.next_ready(&mut waiting) else { break };
-                match start(member, position, command) {
+            while asked == 0 && self.running.len() < at_a_time {
+                let Some((position, job)) = self.next_ready(&mut waiting) else { break };
+                match start(job, position, command) {
                     Ok(running) => {
-                        display.note(&format!("{} {}", member.name, verb(member)));
+                        display.note(&format!("{} {}", job.name, verb(job)));
                         self.running.push(running);
                     }
                     Err(error) => {
                         let lines = error.to_string().lines().map(str::to_owned).collect();
                         let ending = Ending::Failed { status: "it did not start".to_owned(), lines };
-                        display.note(&describe(member, &ending));
+                        display.note(&describe(job, &ending));
                         self.endings[position] = Some(ending);
                     }
                 }
@@ -132,7 +131,7 @@ impl<'a> Session<'a> {
                 read = Some(Instant::now());
                 self.running
                     .iter_mut()
-                    .for_each(|running| running.status = read_status(&running.member.run).or(running.status));
+                    .for_each(|running| running.status = read_status(&running.job.run).or(running.status));
                 display.update(&self.overview());
             }
             self.reap(asked > 0, display)?;
@@ -147,31 +146,31 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Tells whether the run that has to be complete before a member is complete.
-    fn is_ready(&self, member: &Member) -> bool {
-        let Some(needed) = &member.needs else { return true };
-        let mut members = self.members.iter().zip(&self.endings);
-        members.any(|(m, ending)| m.run == *needed && matches!(ending, Some(Ending::WasComplete | Ending::Completed)))
+    /// Tells whether the run that has to be complete before a job is done.
+    fn is_ready(&self, job: &Job) -> bool {
+        let Some(needed) = &job.needs else { return true };
+        let mut jobs = self.jobs.iter().zip(&self.endings);
+        jobs.any(|(m, ending)| m.run == *needed && matches!(ending, Some(Ending::WasDone | Ending::Done)))
     }
 
     /// Removes the first waiting member that can start, and returns it.
-    fn next_ready(&self, waiting: &mut Vec<(usize, &'a Member)>) -> Option<(usize, &'a Member)> {
-        let next = waiting.iter().position(|(_, member)| self.is_ready(member))?;
+    fn next_ready(&self, waiting: &mut Vec<(usize, &'a Job)>) -> Option<(usize, &'a Job)> {
+        let next = waiting.iter().position(|(_, job)| self.is_ready(job))?;
         Some(waiting.remove(next))
     }
 
-    /// Ends all waiting members if none of them can start, while nothing runs.
-    fn give_up(&mut self, waiting: &mut Vec<(usize, &'a Member)>, display: &mut dyn OverviewDisplay) {
-        if waiting.iter().any(|(_, member)| self.is_ready(member)) {
+    /// Ends all waiting jobs if none of them can start, while nothing runs.
+    fn give_up(&mut self, waiting: &mut Vec<(usize, &'a Job)>, display: &mut dyn OverviewDisplay) {
+        if waiting.iter().any(|(_, job)| self.is_ready(job)) {
             return;
         }
-        for (position, member) in waiting.drain(..) {
-            let needed = member.needs.iter().map(|run| run.display().to_string()).collect::<String>();
+        for (position, job) in waiting.drain(..) {
+            let needed = job.needs.iter().map(|run| run.display().to_string()).collect::<String>();
             let ending = Ending::Failed {
                 status: "it did not start".to_owned(),
                 lines: vec![format!("{ERROR}it needs {needed}, which is not complete")],
             };
-            display.note(&describe(member, &ending));
+            display.note(&describe(job, &ending));
             self.endings[position] = Some(ending);
         }
     }
@@ -181,14 +180,14 @@ impl<'a> Session<'a> {
         let mut i = 0;
         while i < self.running.len() {
             let running = &mut self.running[i];
-            let ended = running.child.try_wait().map_err(cannot("wait for", &running.member.run))?;
+            let ended = running.child.try_wait().map_err(cannot("wait for", &running.job.run))?;
             let Some(status) = ended else {
                 i += 1;
                 continue;
             };
             let running = self.running.swap_remove(i);
             let ending = ending(&running, status, stopping)?;
-            display.note(&describe(running.member, &ending));
+            display.note(&describe(running.job, &ending));
             self.endings[running.position] = Some(ending);
         }
         Ok(())
@@ -196,39 +195,39 @@ impl<'a> Session<'a> {
 
     fn overview(&self) -> Overview {
         let status = |running: &Running<'_>| {
-            let (episodes, total) = (running.member.episodes_done(), running.member.episodes);
+            let (episodes, total) = (running.job.episodes_done(), running.job.target());
             running.status.unwrap_or(Status { episodes, total, ..Status::default() })
         };
         let (mut episodes, mut remaining) = (0, 0);
         let (mut complete, mut failed) = (0, 0);
-        for (member, ending) in self.members.iter().zip(&self.endings) {
-            let running = self.running.iter().find(|running| running.member == member);
-            let done = running.map_or(member.episodes_done(), |running| status(running).episodes);
+        for (job, ending) in self.jobs.iter().zip(&self.endings) {
+            let running = self.running.iter().find(|running| running.job == job);
+            let done = running.map_or(job.episodes_done(), |running| status(running).episodes);
             match ending {
-                Some(Ending::WasComplete | Ending::Completed) => {
+                Some(Ending::WasDone | Ending::Done) => {
                     complete += 1;
-                    episodes += member.episodes;
+                    episodes += job.target();
                 }
                 Some(Ending::Failed { .. }) => failed += 1,
                 Some(Ending::Stopped) | None => {
                     episodes += done;
-                    remaining += member.episodes.saturating_sub(done);
+                    remaining += job.target().saturating_sub(done);
                 }
             }
         }
         let gained = episodes.saturating_sub(self.done_before);
         let each = self.started.elapsed().as_secs_f64() / gained as f64;
         Overview {
-            runs: self.members.len(),
+            runs: self.jobs.len(),
             complete,
             failed,
             episodes,
-            total: self.members.iter().map(|member| member.episodes).sum(),
+            total: self.jobs.iter().map(Job::target).sum(),
             left_s: (gained > 0).then_some(each * remaining as f64),
             running: self
                 .running
                 .iter()
-                .map(|running| Progressing { name: running.member.name.clone(), status: status(running) })
+                .map(|running| Progressing { name: running.job.name.clone(), status: status(running) })
                 .collect(),
         }
     }
@@ -246,24 +245,24 @@ impl Drop for Session<'_> {
 }
 
 fn start<'a>(
-    member: &'a Member,
+    job: &'a Job,
     position: usize,
-    command: &dyn Fn(&Member) -> Result<Command, TrainError>,
+    command: &dyn Fn(usize) -> Result<Command, TrainError>,
 ) -> Result<Running<'a>, TrainError> {
-    if member.state == State::New {
-        member.clear()?;
+    if job.state == State::New {
+        job.clear()?;
     }
-    remove_status(&member.run)?;
-    let log = OpenOptions::new().create(true).append(true).open(&member.log).map_err(cannot("open", &member.log))?;
-    let log_start = log.metadata().map_err(cannot("read", &member.log))?.len();
-    let second = log.try_clone().map_err(cannot("open", &member.log))?;
-    let mut command = command(member)?;
+    remove_status(&job.run)?;
+    let log = OpenOptions::new().create(true).append(true).open(&job.log).map_err(cannot("open", &job.log))?;
+    let log_start = log.metadata().map_err(cannot("read", &job.log))?.len();
+    let second = log.try_clone().map_err(cannot("open", &job.log))?;
+    let mut command = command(position)?;
     command.stdin(Stdio::null()).stdout(log).stderr(second);
     // Ctrl-C on a terminal reaches every process of a group. In groups of their own, the children hear of it only from
     // this process, and only once.
     std::os::unix::process::CommandExt::process_group(&mut command, 0);
     let child = command.spawn().map_err(cannot("start", Path::new(command.get_program())))?;
-    Ok(Running { member, position, child, log_start, status: None })
+    Ok(Running { job, position, child, log_start, status: None })
 }
 
 /// Asks a process to save and end.
@@ -279,8 +278,10 @@ fn kill(running: &mut Running<'_>) {
 }
 
 fn ending(running: &Running<'_>, status: ExitStatus, stopping: bool) -> Result<Ending, TrainError> {
-    if status.success() && state_of(&running.member.run)? == State::Complete {
-        return Ok(Ending::Completed);
+    let mut job = running.job.clone();
+    job.refresh()?;
+    if status.success() && job.is_done() {
+        return Ok(Ending::Done);
     }
     if stopping {
         return Ok(Ending::Stopped);
@@ -292,21 +293,24 @@ fn ending(running: &Running<'_>, status: ExitStatus, stopping: bool) -> Result<E
     Ok(Ending::Failed { status: status.to_string(), lines })
 }
 
-fn verb(member: &Member) -> &'static str {
-    if member.state == State::New { "starts" } else { "goes on" }
+fn verb(job: &Job) -> &'static str {
+    if job.state == State::New { "starts" } else { "goes on" }
 }
 
-fn describe(member: &Member, ending: &Ending) -> String {
+fn describe(job: &Job, ending: &Ending) -> String {
     match ending {
-        Ending::WasComplete | Ending::Completed => match Summary::read(&member.run) {
+        Ending::WasDone | Ending::Done if job.until.is_some_and(|until| until < job.episodes) => {
+            format!("{} has {} of {} episodes", job.name, job.target(), job.episodes)
+        }
+        Ending::WasDone | Ending::Done => match Summary::read(&job.run) {
             Ok(Some(Summary { success_rate: Some(rate), wall_s, .. })) => {
-                format!("{} is complete: success {:.1} %, {:.0} min", member.name, 100.0 * rate, wall_s / 60.0)
+                format!("{} is complete: success {:.1} %, {:.0} min", job.name, 100.0 * rate, wall_s / 60.0)
             }
-            _ => format!("{} is complete", member.name),
+            _ => format!("{} is complete", job.name),
         },
-        Ending::Stopped => format!("{} is stopped", member.name),
+        Ending::Stopped => format!("{} is stopped", job.name),
         Ending::Failed { status, lines } => {
-            let mut text = format!("{} failed ({status}), see {}:", member.name, member.log.display());
+            let mut text = format!("{} failed ({status}), see {}:", job.name, job.log.display());
             lines.iter().for_each(|line| text.push_str(&format!("\n  {line}")));
             text
         }
@@ -315,7 +319,7 @@ fn describe(member: &Member, ending: &Ending) -> String {
 
 /// Reads the end of a process's output.
 fn tail(running: &Running<'_>) -> std::io::Result<String> {
-    let mut file = File::open(&running.member.log)?;
+    let mut file = File::open(&running.job.log)?;
     let length = file.metadata()?.len();
     file.seek(SeekFrom::Start(running.log_start.max(length.saturating_sub(TAIL))))?;
     let mut bytes = Vec::new();

@@ -1,0 +1,263 @@
+//! Sweeps: hands, lambdas, seeds and settings in every combination, trained here or as a job array of Slurm.
+//!
+//! A [`SweepFile`] says what varies. [`Sweep`] lists the runs; with [`Halving`], only the best variants go on after each stage.
+
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use eigenhand_files::create_directory;
+
+use crate::config::Preset;
+use crate::error::TrainError;
+use crate::json_file;
+use crate::metrics::read_metrics;
+use crate::reproduce::{STUDY, StudyFile, StudyVariant, check_settings};
+use crate::request::{NewRun, resolve};
+use crate::run_dir::{is_run, lock};
+use crate::runs::{Job, runs_in};
+
+mod file;
+pub mod slurm;
+
+pub use file::{Assignments, Distribution, Halving, Search, Slurm, SweepFile};
+
+/// Runs that differ in their seed alone.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Variant {
+    /// Its name, with which the names of its runs begin.
+    pub name: String,
+    /// In what it differs from the others, in words.
+    pub title: String,
+    /// Name of its hand.
+    pub hand: String,
+    /// Its lambda.
+    pub lambda: f64,
+    /// The settings in which it differs from others.
+    pub assignments: Assignments,
+}
+
+/// A run of a sweep.
+#[derive(Clone, Debug)]
+pub struct Member {
+    /// The run, `<variant>-s<seed>`.
+    pub job: Job,
+    /// Position of its variant.
+    pub variant: usize,
+    /// Seed.
+    pub seed: u64,
+    /// What trains it.
+    pub request: NewRun,
+}
+
+/// A directory of runs.
+#[derive(Debug)]
+pub struct Sweep {
+    /// The directory.
+    pub directory: PathBuf,
+    /// What varies.
+    pub file: SweepFile,
+    /// The variants.
+    pub variants: Vec<Variant>,
+    /// The runs: all variants with the first seed, then with the second.
+    pub members: Vec<Member>,
+}
+
+impl Sweep {
+    /// Resolves the settings of every run, and finds the state of the runs. No run is changed.
+    ///
+    /// `base` has what the file does not: places of hands, settings below those of the file.
+    ///
+    /// # Errors
+    /// The first fault of the settings or of a hand; [`TrainError::OtherSettings`] when a run in the directory has other
+    /// settings.
+    pub fn prepare(file: &SweepFile, base: &NewRun, directory: &Path) -> Result<Sweep, TrainError> {
+        if is_run(directory) {
+            return Err(TrainError::RunExists { path: directory.to_owned() });
+        }
+        let sweep = Sweep::list(file, base, directory)?;
+        create_directory(directory)?;
+        let variant = |(i, variant): (usize, &Variant)| StudyVariant {
+            name: variant.name.clone(),
+            title: variant.title.clone(),
+            runs: sweep
+                .members
+                .iter()
+                .filter(|member| member.variant == i)
+                .map(|member| member.job.name.clone())
+                .collect(),
+        };
+        let study = StudyFile { schema: 1, variants: sweep.variants.iter().enumerate().map(variant).collect() };
+        json_file::write(&directory.join(STUDY), &study)?;
+        Ok(sweep)
+    }
+
+    fn list(file: &SweepFile, base: &NewRun, directory: &Path) -> Result<Sweep, TrainError> {
+        let wrong = |key: &str, reason: String| TrainError::Option { option: format!("sweep file, {key}"), reason };
+        let preset = match &file.preset {
+            None => None,
+            Some(name) => match Preset::ALL.into_iter().find(|preset| preset.name() == name) {
+                Some(preset) => Some(preset),
+                None => {
+                    let names = Preset::ALL.map(|preset| preset.name()).join(", ");
+                    return Err(wrong("preset", format!("expected one of {names}, got {name:?}")));
+                }
+            },
+        };
+        let assignment = |(key, value): (&String, &toml::Value)| format!("{key}={value}");
+        let fixed: Vec<String> = file.settings.iter().map(assignment).collect();
+        let combinations = file.combinations();
+        let optional = |values: &[f64]| -> Vec<Option<f64>> {
+            if values.is_empty() { vec![None] } else { values.iter().copied().map(Some).collect() }
+        };
+        let hands: Vec<Option<&String>> =
+            if file.hands.is_empty() { vec![None] } else { file.hands.iter().map(Some).collect() };
+        let (mut variants, mut requests) = (Vec::new(), Vec::new());
+        for hand in hands {
+            for lambda in optional(&file.lambdas) {
+                for (n, assignments) in combinations.iter().enumerate() {
+                    let own = assignments.iter().map(|(key, value)| assignment((key, value)));
+                    let request = NewRun {
+                        hand: hand.cloned().or_else(|| base.hand.clone()),
+                        default_hand: true,
+                        preset: preset.or(base.preset),
+                        lambda,
+                        episodes: file.episodes.or(base.episodes),
+                        assignments: base.assignments.iter().chain(&fixed).cloned().chain(own).collect(),
+                        ..base.clone()
+                    };
+                    let (config, hand) = resolve(&request)?;
+                    let hand = hand.manifest.name.clone();
+                    variants.push(Variant::of(hand, config.lambda, (n, combinations.len()), assignments));
+                    requests.push(request);
+                }
+            }
+        }
+        let mut members = Vec::new();
+        for &seed in &file.seeds {
+            for (variant, request) in requests.iter().enumerate() {
+                let name = format!("{}-s{seed}", variants[variant].name);
+                if members.iter().any(|member: &Member| member.job.name == name) {
+                    return Err(wrong(
+                        "hands",
+                        format!("two runs have the name {name}; expected hands of different names"),
+                    ));
+                }
+                let request = NewRun { seed: Some(seed), out: Some(directory.join(&name)), ..request.clone() };
+                let (config, _) = resolve(&request)?;
+                check_stages(file, config.evaluation.every, config.episodes)
+                    .map_err(|reason| wrong("halving", reason))?;
+                let job = Job::in_directory(directory, name, config.episodes)?;
+                if is_run(&job.run) {
+                    check_settings(&job.run, &config.settings()?, &["workers", "tensorboard"])?;
+                }
+                members.push(Member { job, variant, seed, request });
+            }
+        }
+        Ok(Sweep { directory: directory.to_owned(), file: file.clone(), variants, members })
+    }
+
+    /// Locks the directory, so that one process at a time trains its runs.
+    ///
+    /// # Errors
+    /// [`TrainError::Locked`], [`TrainError::File`].
+    pub fn lock(&self) -> Result<File, TrainError> {
+        lock(&self.directory)
+    }
+
+    /// Number of stages; only the last trains runs to their end.
+    pub fn stages(&self) -> usize {
+        1 + self.file.halving.as_ref().map_or(0, |halving| halving.episodes.len())
+    }
+
+    /// Returns the runs of a stage that go on in it, each to the end of the stage, with their positions among the members.
+    ///
+    /// # Errors
+    /// Those of the runs' files.
+    pub fn jobs(&self, stage: usize) -> Result<Vec<(usize, Job)>, TrainError> {
+        let going_on = self.going_on(stage)?;
+        let until = self.file.halving.as_ref().and_then(|halving| halving.episodes.get(stage).copied());
+        let members = self.members.iter().enumerate().filter(|(_, member)| going_on[member.variant]);
+        members
+            .map(|(position, member)| {
+                let mut job = Job { until, ..member.job.clone() };
+                job.refresh()?;
+                Ok((position, job))
+            })
+            .collect()
+    }
+
+    /// Tells for each variant whether it goes on in a stage: in each stage before, it was among the best of its hand.
+    fn going_on(&self, stage: usize) -> Result<Vec<bool>, TrainError> {
+        let mut going_on = vec![true; self.variants.len()];
+        let Some(halving) = &self.file.halving else { return Ok(going_on) };
+        for &episodes in halving.episodes.iter().take(stage) {
+            let scores = self.scores(episodes)?;
+            let hands: BTreeSet<&String> = self.variants.iter().map(|variant| &variant.hand).collect();
+            for hand in hands {
+                let mut rivals: Vec<usize> =
+                    (0..scores.len()).filter(|i| going_on[*i] && self.variants[*i].hand == *hand).collect();
+                // The sort is stable, so the first of equals goes on.
+                rivals.sort_by(|a, b| scores[*b].total_cmp(&scores[*a]));
+                let kept = (halving.keep * rivals.len() as f64).ceil() as usize;
+                rivals.iter().skip(kept.max(1)).for_each(|i| going_on[*i] = false);
+            }
+        }
+        Ok(going_on)
+    }
+
+    /// Returns the mean success of each variant's runs at the last evaluation up to `episodes`; below 0 without one.
+    fn scores(&self, episodes: u64) -> Result<Vec<f64>, TrainError> {
+        let mut sums = vec![(0.0, 0_u32); self.variants.len()];
+        for member in &self.members {
+            let rows = read_metrics(&member.job.run)?;
+            let last = rows.iter().rev().find(|row| row.episode <= episodes).and_then(|row| row.success_rate);
+            let (sum, count) = &mut sums[member.variant];
+            *sum += last.unwrap_or(-1.0);
+            *count += 1;
+        }
+        Ok(sums.into_iter().map(|(sum, count)| sum / f64::from(count.max(1))).collect())
+    }
+
+    /// Returns runs in the directory that are none of this sweep.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn others(&self) -> Result<Vec<PathBuf>, TrainError> {
+        let own = |run: &PathBuf| self.members.iter().any(|member| member.job.run == *run);
+        Ok(runs_in(&self.directory)?.into_iter().filter(|run| !own(run)).collect())
+    }
+}
+
+/// Tells why the stages do not fit a run; an evaluation has to be made in each.
+fn check_stages(file: &SweepFile, every: u64, episodes: u64) -> Result<(), String> {
+    let Some(halving) = &file.halving else { return Ok(()) };
+    let first = halving.episodes.first().copied().unwrap_or(0);
+    if every == 0 || first < every {
+        return Err(format!(
+            "the first stage ends after {first} episodes; expected an evaluation before (evaluation.every is {every})"
+        ));
+    }
+    match halving.episodes.last() {
+        Some(&last) if last >= episodes => {
+            Err(format!("the last stage ends after {last} episodes; expected fewer than those of a run, {episodes}"))
+        }
+        _ => Ok(()),
+    }
+}
+
+impl Variant {
+    /// `n` is the position of the combination of settings, and the number of all.
+    fn of(hand: String, lambda: f64, (n, all): (usize, usize), assignments: &Assignments) -> Variant {
+        let width = all.to_string().len();
+        let number = if all > 1 { format!("-c{:0width$}", n + 1) } else { String::new() };
+        let settings: String = assignments.iter().map(|(key, value)| format!(", {key} {value}")).collect();
+        Variant {
+            name: format!("{hand}-l{lambda}{number}"),
+            title: format!("{hand}, lambda {lambda}{settings}"),
+            hand,
+            lambda,
+            assignments: assignments.clone(),
+        }
+    }
+}
