@@ -1,5 +1,6 @@
 //! `eigenhand report`
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use eigenhand_report::{Analysis, Report, Study, StudyAnalysis, StudyReport, read_runs, write, write_study};
@@ -73,11 +74,27 @@ pub fn of_directory(directory: &Path) -> anyhow::Result<Report> {
 
 /// Writes the report of a study, and prints its results.
 pub fn show_study(directory: &Path, out: &Path, json: bool) -> anyhow::Result<()> {
-    let StudyReport { page, analysis } = write_study(&Study::read(directory)?, out)?;
+    let report = write_study(&Study::read(directory)?, out)?;
+    if json { print_json(&printed(&report)) } else { print(&study(&report)) }
+}
+
+/// Writes the reports of several studies into them, and prints their results.
+pub fn show_studies(directories: &[PathBuf], json: bool) -> anyhow::Result<()> {
+    let report = |directory: &PathBuf| Ok(write_study(&Study::read(directory)?, &directory.join(DIRECTORY))?);
+    let reports = directories.iter().map(report).collect::<anyhow::Result<Vec<StudyReport>>>()?;
     if json {
-        return print_json(&PrintedStudy { page: &page, analysis: &analysis });
+        return print_json(&BTreeMap::from([("studies", reports.iter().map(printed).collect::<Vec<_>>())]));
     }
-    let heads = ["the policy commands", "runs", "success", "other objects", "episodes to 70 %"];
+    let text = reports.iter().map(|report| format!("hand {}\n{}", report.analysis.hand, study(report)));
+    print(&text.collect::<Vec<_>>().join("\n"))
+}
+
+fn printed(StudyReport { page, analysis }: &StudyReport) -> PrintedStudy<'_> {
+    PrintedStudy { page, analysis }
+}
+
+fn study(StudyReport { page, analysis }: &StudyReport) -> String {
+    let heads = [&analysis.varies, "runs", "success", "other objects", "episodes to 70 %"];
     let mut rows = vec![heads.map(str::to_owned).to_vec()];
     for variant in &analysis.variants {
         let share = |key: &str| variant.quantities.get(key).map_or_else(|| "-".to_owned(), |e| percent(e.iqm));
@@ -95,7 +112,7 @@ pub fn show_study(directory: &Path, out: &Path, json: bool) -> anyhow::Result<()
         text.push_str(&format!("- {sentence}\n"));
     }
     text.push_str(&format!("report: {}\n", page.display()));
-    print(&text)
+    text
 }
 
 /// Prints the results of a report.

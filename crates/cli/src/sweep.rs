@@ -148,16 +148,12 @@ fn train_here(args: &Args, sweep: &Sweep) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Interrupted);
         }
     }
-    show(args, sweep)?;
+    report::show_studies(&sweep.studies(), args.json)?;
     if failures.is_empty() {
         return Ok(Outcome::Done);
     }
     say!("failed: {}; try again with: {}", failures.join(", "), same_command());
     Ok(Outcome::Failed)
-}
-
-fn show(args: &Args, sweep: &Sweep) -> anyhow::Result<()> {
-    report::show_study(&sweep.directory, &sweep.directory.join(report::DIRECTORY), args.json)
 }
 
 /// Becomes the training of one run.
@@ -259,7 +255,7 @@ fn submit(args: &Args, sweep: &Sweep, stem: &str) -> anyhow::Result<Outcome> {
         .collect();
     let last = sweep.jobs(sweep.stages() - 1)?;
     if last.iter().all(|(_, job)| job.is_done()) {
-        show(args, sweep)?;
+        report::show_studies(&sweep.studies(), args.json)?;
         return Ok(Outcome::Done);
     }
     refuse_queued(sweep)?;
@@ -289,11 +285,10 @@ fn submit(args: &Args, sweep: &Sweep, stem: &str) -> anyhow::Result<Outcome> {
     }
     let jobs = submitted.join(",");
     print(&format!(
-        "submitted: {} as job {jobs}\nlogs:      {}/slurm-*.log\nwatch:     squeue --jobs {jobs}\nresults:   {}\n\
-         When the jobs have ended, the same command submits what is not complete, or writes the report.\n",
+        "submitted: {} as job {jobs}\nlogs:      {}/slurm-*.log\nwatch:     squeue --jobs {jobs}\n\
+         When the jobs have ended, the same command submits what is not complete, or shows the results.\n",
         counted(waiting.len(), "run"),
         directory.display(),
-        program::line(&format!("report {}", program::path(&sweep.directory))),
     ))?;
     Ok(Outcome::Done)
 }

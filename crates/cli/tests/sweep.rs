@@ -74,7 +74,7 @@ impl Place {
     }
 
     fn summary(&self, run: &str) -> Option<Value> {
-        let text = std::fs::read(self.path("all").join(run).join("summary.json")).ok()?;
+        let text = std::fs::read(self.path("all/gripper").join(run).join("summary.json")).ok()?;
         Some(serde_json::from_slice(&text).unwrap())
     }
 
@@ -98,7 +98,7 @@ fn status(command: &mut Command, expected: i32) -> Output {
 }
 
 fn runs() -> Vec<String> {
-    let variants = (0..2).flat_map(|lambda| (1..=3).map(move |c| format!("gripper-l{lambda}-c{c}")));
+    let variants = (0..2).flat_map(|lambda| (1..=3).map(move |c| format!("l{lambda}-c{c}")));
     let variants: Vec<String> = variants.collect();
     (1..=2).flat_map(|seed| variants.iter().map(move |variant| format!("{variant}-s{seed}"))).collect()
 }
@@ -108,13 +108,16 @@ fn a_sweep_trains_every_combination_once() {
     let place = Place::new("");
     let listed = text(&status(&mut place.sweep(&["--dry-run"]), 0).stdout);
     assert_eq!(listed.lines().filter(|line| line.ends_with("new")).count(), 12, "{listed}");
-    assert!(listed.contains("gripper, lambda 1, learner.gamma 0.95"), "{listed}");
+    assert!(listed.contains("lambda 1, learner.gamma 0.95"), "{listed}");
     let output = status(&mut place.sweep(&["--jobs", "2", "--json"]), 0);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!(report["variants"].as_array().unwrap().len(), 6);
-    assert!(report["variants"].as_array().unwrap().iter().all(|variant| variant["n_complete"] == 2), "{report}");
+    assert_eq!(report["studies"][0]["variants"].as_array().unwrap().len(), 6);
+    assert!(
+        report["studies"][0]["variants"].as_array().unwrap().iter().all(|variant| variant["n_complete"] == 2),
+        "{report}"
+    );
     assert!(runs().iter().all(|run| place.is_complete(run)));
-    let config = std::fs::read_to_string(place.path("all/gripper-l0-c3-s2/config.toml")).unwrap();
+    let config = std::fs::read_to_string(place.path("all/gripper/l0-c3-s2/config.toml")).unwrap();
     let config: toml::Table = toml::from_str(&config).unwrap();
     assert_eq!((config["learner"]["gamma"].as_float(), config["seed"].as_integer()), (Some(0.98), Some(2)));
     let again = text(&status(&mut place.sweep(&[]), 0).stderr);

@@ -43,6 +43,8 @@ pub struct StudyAnalysis {
     pub schema: u32,
     /// Name of the hand.
     pub hand: String,
+    /// In what the variants differ, as the head of a column.
+    pub varies: String,
     /// The variants; the others are compared with the first.
     pub variants: Vec<VariantRecord>,
     /// Each other variant compared with the first.
@@ -174,6 +176,7 @@ pub(crate) fn analyse(study: &Study) -> StudyAnalysis {
     });
     StudyAnalysis {
         schema: 1,
+        varies: study.file.varies.clone(),
         hand: study.runs.first().map(|run| run.provenance.hand.clone()).unwrap_or_default(),
         statements: differences.iter().map(|difference| difference.statement.clone()).collect(),
         differences,
@@ -238,7 +241,7 @@ pub(crate) fn table(analysis: &StudyAnalysis) -> Result<Vec<u8>, ReportError> {
 /// Renders the page.
 pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]) -> String {
     let mut header =
-        words(&["the policy commands", "runs", "training episodes", "success (%)", "success with other objects (%)"]);
+        words(&[&analysis.varies, "runs", "training episodes", "success (%)", "success with other objects (%)"]);
     header.extend(LEVELS.map(|level| format!("episodes to {:.0} %", 100.0 * level)));
     let row = |variant: &VariantRecord| {
         let episodes = variant.episodes.map_or_else(|| "-".to_owned(), |episodes| episodes.to_string());
@@ -270,7 +273,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
     };
     let differences: Vec<Vec<String>> = analysis.differences.iter().map(compared).collect();
     let first = analysis.variants.first().map(|variant| variant.title.as_str()).unwrap_or_default();
-    let title = format!("Hand {}: the space in which a policy learns to act", analysis.hand);
+    let title = format!("Hand {}: {}", analysis.hand, study.file.subject);
     document(
         &title,
         &html! {
@@ -289,7 +292,7 @@ pub(crate) fn render(study: &Study, analysis: &StudyAnalysis, figures: &[Figure]
             (heading(&format!("Compared with \u{201c}{first}\u{201d}")))
             (html_table(
                 "Differences in success",
-                &words(&["the policy commands", "success with", "points", "95 % interval", "p", "least p", "supported"]),
+                &words(&[&analysis.varies, "success with", "points", "95 % interval", "p", "least p", "supported"]),
                 &differences,
             ))
             ul { @for statement in &analysis.statements { li { (statement) } } }
@@ -329,7 +332,11 @@ mod tests {
             runs: (1..=5).map(|seed| format!("{name}-s{seed}")).collect(),
         };
         let variants = vec![variant("joints", "every joint"), variant("few", "5 numbers")];
-        Study { file: StudyFile { schema: 1, variants }, runs: of("joints", 0.6).chain(of("few", 0.9)).collect() }
+        let (varies, subject) = ("the policy commands".to_owned(), "spaces".to_owned());
+        Study {
+            file: StudyFile { schema: 1, varies, subject, variants },
+            runs: of("joints", 0.6).chain(of("few", 0.9)).collect(),
+        }
     }
 
     #[test]

@@ -171,12 +171,13 @@ fn assignments(variant: &Variant, directory: &Path, seed: u64) -> Vec<String> {
 
 /// Writes which runs belong to which variant, for the report.
 fn write_study(variants: &[Variant], seeds: &[u64], directory: &Path) -> Result<(), TrainError> {
-    let variant = |variant: &Variant| StudyVariant {
+    let entry = |variant: &Variant| StudyVariant {
         name: variant.name.clone(),
         title: variant.title.clone(),
         runs: seeds.iter().map(|&seed| variant.run_name(seed)).collect(),
     };
-    let file = StudyFile { schema: 1, variants: variants.iter().map(variant).collect() };
+    let (varies, subject) = (variant::commands(), variant::space());
+    let file = StudyFile { schema: 1, varies, subject, variants: variants.iter().map(entry).collect() };
     json_file::write(&directory.join(STUDY), &file)
 }
 

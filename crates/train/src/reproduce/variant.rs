@@ -160,8 +160,24 @@ fn control_study(components: usize) -> Vec<Variant> {
 pub struct StudyFile {
     /// Version of these keys.
     pub schema: u32,
+    /// In what the variants differ, as the head of a column.
+    #[serde(default = "commands")]
+    pub varies: String,
+    /// What it compares, for a title.
+    #[serde(default = "space")]
+    pub subject: String,
     /// The variants; the others are compared with the first.
     pub variants: Vec<StudyVariant>,
+}
+
+/// In what the variants of a study of action spaces differ.
+pub(super) fn commands() -> String {
+    "the policy commands".to_owned()
+}
+
+/// What a study of action spaces compares.
+pub(super) fn space() -> String {
+    "the space in which a policy learns to act".to_owned()
 }
 
 /// The runs of a variant.

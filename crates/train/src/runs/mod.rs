@@ -30,7 +30,7 @@ pub enum State {
 /// A run to be trained.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
-    /// Its name, which is that of its directory.
+    /// Its name, which its directory ends with.
     pub name: String,
     /// The run that has to be complete before this one starts.
     pub needs: Option<PathBuf>,

@@ -40,7 +40,7 @@ pub struct Variant {
 /// A run of a sweep.
 #[derive(Clone, Debug)]
 pub struct Member {
-    /// The run, `<variant>-s<seed>`.
+    /// The run, `<hand>/<variant>-s<seed>`.
     pub job: Job,
     /// Position of its variant.
     pub variant: usize,
@@ -76,20 +76,35 @@ impl Sweep {
             return Err(TrainError::RunExists { path: directory.to_owned() });
         }
         let sweep = Sweep::list(file, base, directory)?;
-        create_directory(directory)?;
+        for study in sweep.studies() {
+            create_directory(&study)?;
+            json_file::write(&study.join(STUDY), &sweep.study(&study))?;
+        }
+        Ok(sweep)
+    }
+
+    /// Returns the directory of each hand, which is a study.
+    pub fn studies(&self) -> Vec<PathBuf> {
+        let hands: BTreeSet<&String> = self.variants.iter().map(|variant| &variant.hand).collect();
+        hands.into_iter().map(|hand| self.directory.join(hand)).collect()
+    }
+
+    /// Says which runs in the directory of a hand belong to which variant.
+    fn study(&self, directory: &Path) -> StudyFile {
         let variant = |(i, variant): (usize, &Variant)| StudyVariant {
             name: variant.name.clone(),
             title: variant.title.clone(),
-            runs: sweep
+            runs: self
                 .members
                 .iter()
                 .filter(|member| member.variant == i)
-                .map(|member| member.job.name.clone())
+                .map(|member| format!("{}-s{}", variant.name, member.seed))
                 .collect(),
         };
-        let study = StudyFile { schema: 1, variants: sweep.variants.iter().enumerate().map(variant).collect() };
-        json_file::write(&directory.join(STUDY), &study)?;
-        Ok(sweep)
+        let own =
+            self.variants.iter().enumerate().filter(|(_, variant)| self.directory.join(&variant.hand) == directory);
+        let (varies, subject) = ("settings".to_owned(), "what its settings reach".to_owned());
+        StudyFile { schema: 1, varies, subject, variants: own.map(variant).collect() }
     }
 
     fn list(file: &SweepFile, base: &NewRun, directory: &Path) -> Result<Sweep, TrainError> {
@@ -137,17 +152,16 @@ impl Sweep {
         for &seed in &file.seeds {
             for (variant, request) in requests.iter().enumerate() {
                 let name = format!("{}-s{seed}", variants[variant].name);
-                if members.iter().any(|member: &Member| member.job.name == name) {
-                    return Err(wrong(
-                        "hands",
-                        format!("two runs have the name {name}; expected hands of different names"),
-                    ));
+                let directory = directory.join(&variants[variant].hand);
+                if members.iter().any(|member: &Member| member.job.run == directory.join(&name)) {
+                    return Err(wrong("hands", format!("two of them have the name {}", variants[variant].hand)));
                 }
                 let request = NewRun { seed: Some(seed), out: Some(directory.join(&name)), ..request.clone() };
                 let (config, _) = resolve(&request)?;
                 check_stages(file, config.evaluation.every, config.episodes)
                     .map_err(|reason| wrong("halving", reason))?;
-                let job = Job::in_directory(directory, name, config.episodes)?;
+                let shown = format!("{}/{name}", variants[variant].hand);
+                let job = Job { name: shown, ..Job::in_directory(&directory, name, config.episodes)? };
                 if is_run(&job.run) {
                     check_settings(&job.run, &config.settings()?, &["workers", "tensorboard"])?;
                 }
@@ -225,7 +239,11 @@ impl Sweep {
     /// [`TrainError::File`].
     pub fn others(&self) -> Result<Vec<PathBuf>, TrainError> {
         let own = |run: &PathBuf| self.members.iter().any(|member| member.job.run == *run);
-        Ok(runs_in(&self.directory)?.into_iter().filter(|run| !own(run)).collect())
+        let mut others = Vec::new();
+        for study in self.studies() {
+            others.extend(runs_in(&study)?.into_iter().filter(|run| !own(run)));
+        }
+        Ok(others)
     }
 }
 
@@ -253,8 +271,8 @@ impl Variant {
         let number = if all > 1 { format!("-c{:0width$}", n + 1) } else { String::new() };
         let settings: String = assignments.iter().map(|(key, value)| format!(", {key} {value}")).collect();
         Variant {
-            name: format!("{hand}-l{lambda}{number}"),
-            title: format!("{hand}, lambda {lambda}{settings}"),
+            name: format!("l{lambda}{number}"),
+            title: format!("lambda {lambda}{settings}"),
             hand,
             lambda,
             assignments: assignments.clone(),
