@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 use eigenhand_hands::SearchPath;
 use eigenhand_train::config::RunConfig;
 use eigenhand_train::request::{Launch, NewRun, ResumedRun};
-use eigenhand_train::{RunDirectory, Silent, Summary, TrainError};
+use eigenhand_train::{FinishedRun, RunDirectory, Silent, Summary, TrainError};
 use tempfile::TempDir;
 
 use crate::support::{Notes, Run, StopAfter, gripper, tiny, write_gripper};
@@ -301,4 +301,28 @@ fn an_edited_configuration_is_refused_by_its_key() {
     assert_eq!(finish(Launch::resume(&ResumedRun { episodes: Some(28), ..resumed.clone() })).episodes, 28);
     assert_eq!(finish(Launch::resume(&resumed)).episodes, 28);
     drop(RunDirectory::open(&resumed.run).unwrap());
+}
+
+#[test]
+fn results_that_changed_are_refused_and_the_run_writes_them_again() {
+    let root = TempDir::new().unwrap();
+    let (new, resumed) = requests(root.path());
+    let summary = finish(Launch::start(&new));
+    let open = || FinishedRun::open(&resumed.run, &SearchPath::default(), &[]);
+    open().unwrap_or_else(|error| panic!("{error}"));
+    let path = resumed.run.join("policy.safetensors");
+    let policy = std::fs::read(&path).unwrap();
+    // A bit of a weight: the file can still be read.
+    let mut damaged = policy.clone();
+    *damaged.last_mut().unwrap() ^= 1;
+    std::fs::write(&path, damaged).unwrap();
+    let error = open().err().expect("an error").to_string();
+    assert!(
+        error.contains("policy.safetensors") && error.contains("has changed") && error.contains("--resume"),
+        "{error}"
+    );
+    let again = finish(Launch::resume(&resumed));
+    assert_eq!(std::fs::read(&path).unwrap(), policy);
+    assert_eq!(Summary { wall_s: 0.0, ..again }, Summary { wall_s: 0.0, ..summary });
+    open().unwrap_or_else(|error| panic!("{error}"));
 }

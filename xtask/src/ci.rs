@@ -1,7 +1,7 @@
 //! `cargo xtask ci`
 
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context, anyhow, bail};
@@ -41,8 +41,9 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     // Packages come from the network while the processor looks for lints.
     let packages = std::thread::spawn(python::install);
     let lints = ["clippy", "--workspace", "--all-targets", PROFILE, "--quiet", "--", "-D", "warnings"];
-    let style =
-        step("format", &mut cargo(&["fmt", "--all", "--check"])).and_then(|()| step("lints", &mut cargo(&lints)));
+    let style = step("format", &mut cargo(&["fmt", "--all", "--check"]))
+        .and_then(|()| dependencies())
+        .and_then(|()| step("lints", &mut cargo(&lints)));
     // The installation ends in any case, so that it leaves no half-written environment.
     let installed = packages.join().map_err(|_| anyhow!("the installation of the Python packages stopped"))?;
     style.and(installed)?;
@@ -65,6 +66,16 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     wheel()?;
     say!("ci: all steps passed in {}", duration(started.elapsed().as_secs_f64()));
     Ok(Outcome::Done)
+}
+
+/// Checks licences and sources of the packages, where `cargo deny` is installed.
+fn dependencies() -> anyhow::Result<()> {
+    let mut version = cargo(&["deny", "--version"]);
+    if !version.stdout(Stdio::null()).stderr(Stdio::null()).status().is_ok_and(|status| status.success()) {
+        say!("ci: dependencies skipped: cargo deny is not installed (cargo install cargo-deny)");
+        return Ok(());
+    }
+    step("dependencies", &mut cargo(&["deny", "check", "bans", "licenses", "sources"]))
 }
 
 /// Trains for a few episodes, resumes, evaluates and exports, in a directory that is removed afterwards.

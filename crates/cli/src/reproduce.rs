@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
 use eigenhand_report::counted;
-use eigenhand_train::reproduce::{Comparison, Member, Reproduction, Request};
+use eigenhand_train::reproduce::{ALL_NUMBERS, Comparison, Member, Reproduction, Request};
 use eigenhand_train::request::NewRun;
 use eigenhand_train::runs::State;
 use eigenhand_train::runs::children::{Ending, train};
@@ -175,6 +175,7 @@ impl Args {
             option("--action-space", "synergy".into());
             option("--synergy", synergy.into());
             option("--components", numbers.components.to_string().into());
+            option("--set", ALL_NUMBERS.into());
         }
         let episodes = Some(member.job.episodes);
         let settings = SettingsArgs { assignments: self.assignments(), episodes, ..self.settings.clone() };

@@ -7,8 +7,10 @@ use eigenhand_sim::GraspTask;
 use eigenhand_synergy::{Content, MotionRecord, Synergy};
 
 use crate::assignment::Assignment;
+use crate::config::EvaluationConfig;
 use crate::control::control_space;
 use crate::control_product::ControlProduct;
+use crate::digests;
 use crate::drive::{Driven, Driver, MOST_COMPONENTS, fewest_components};
 use crate::error::TrainError;
 use crate::evaluation::{Evaluation, EvaluationStream, evaluate, simulate};
@@ -75,12 +77,14 @@ impl Trainer {
         let mut success_with_components = Vec::new();
         let mut other_objects = None;
         if complete {
-            let episodes = self.assignment.config.evaluation.final_episodes;
-            progress.note(&format!("final evaluation: {episodes} new episodes with all joints, and with few numbers"));
+            let EvaluationConfig { final_episodes: episodes, few_numbers, .. } = self.assignment.config.evaluation;
+            let driven = if few_numbers { ", and with few numbers" } else { "" };
+            progress.note(&format!("final evaluation: {episodes} new episodes with all joints{driven}"));
             let found = self.evaluate_policy(&policy, EvaluationStream::Final, episodes)?;
             progress.note(&format!("with all joints: {:.1} %", 100.0 * found.success_rate()));
             evaluation = Some(found);
-            if let Some(space) = &space {
+            let space = space.as_ref().filter(|_| few_numbers);
+            if let Some(space) = space {
                 let Assignment { config, task, .. } = &self.assignment;
                 let actuators = &self.control.actuators;
                 let driver = Driver {
@@ -97,7 +101,7 @@ impl Trainer {
                 success_with_components =
                     driver.measure_each(&mut self.pool, seed, stream, episodes, confined, each)?;
             }
-            other_objects = self.evaluate_other_objects(&policy, space.as_ref(), progress.counting())?;
+            other_objects = self.evaluate_other_objects(&policy, space, progress.counting())?;
             if let Some(others) = &other_objects {
                 progress.note(&format!("with other objects: {:.1} %", 100.0 * others.success_rate));
             }
@@ -152,7 +156,9 @@ impl Trainer {
         };
         Stress::remove(run.path())?;
         remove_drawn(run.path())?;
+        digests::remove(run.path())?;
         write_products(&products, run.path())?;
+        digests::write(run.path())?;
         // Below this success, the postures say little about what the policy can do.
         let trusted = synergy.filter(|_| success_rate.or(counters.last_evaluation).is_some_and(|s| s >= TRUSTED));
         let summary = Summary {

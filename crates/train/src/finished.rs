@@ -14,6 +14,7 @@ use crate::actuators::HandActuators;
 use crate::assessment::{Assessment, ObjectScore, wilson_interval};
 use crate::config::{ConfigError, Layers, RunConfig};
 use crate::control_product::ControlProduct;
+use crate::digests;
 use crate::drive::{Drive, Driven, Driver, Freedom, is_nearly};
 use crate::error::TrainError;
 use crate::evaluation::{EvaluationStream, Tally, evaluate};
@@ -73,6 +74,7 @@ impl FinishedRun {
         let provenance = read_provenance(directory)?;
         let hand = hand_named(&config.hand, hands)?;
         check_digest(directory, &hand, &provenance)?;
+        digests::check(directory)?;
         let task = task_with_known_ids(directory, &config, &hand)?;
         let policy = read_policy(directory, &config, &hand, &task)?;
         let (directory, changed) = (directory.to_owned(), changes.to_vec());

@@ -17,6 +17,7 @@ pub mod config;
 mod control;
 mod control_product;
 mod counters;
+mod digests;
 mod divergence;
 mod drive;
 mod error;

@@ -179,6 +179,8 @@ pub struct EvaluationConfig {
     pub selection_episodes: u64,
     /// Objects or sets that only the final evaluation sees, beside those of the training.
     pub other_objects: Vec<String>,
+    /// Whether the evaluation at the end also measures success with few numbers.
+    pub few_numbers: bool,
 }
 
 /// The synergy space and its feedback into the learner.

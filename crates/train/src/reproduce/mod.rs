@@ -22,6 +22,8 @@ pub use variant::{Comparison, Directions, Numbers, STUDY, StudyFile, StudyVarian
 /// Keys in which the runs of one reproduction may differ: lambda and seed, and `workers`, which does not affect
 /// results.
 pub const VARIED: [&str; 3] = ["lambda", "seed", "workers"];
+/// Setting of a run that acts in few numbers: how it does with still fewer is no question of the study.
+pub const ALL_NUMBERS: &str = "evaluation.few_numbers=false";
 /// Largest number of differing keys that an error lists.
 const LISTED: usize = 5;
 
@@ -166,6 +168,7 @@ fn assignments(variant: &Variant, directory: &Path, seed: u64) -> Vec<String> {
         "action_space=synergy".to_owned(),
         format!("synergy.file={file}"),
         format!("synergy.components={}", numbers.components),
+        ALL_NUMBERS.to_owned(),
     ]
 }
 

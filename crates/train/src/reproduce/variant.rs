@@ -73,7 +73,7 @@ impl Comparison {
     pub(super) fn free(&self) -> Vec<&'static str> {
         match self {
             Comparison::Lambdas(_) => vec!["workers"],
-            Comparison::ControlStudy => vec!["workers", "synergy.file", "evaluation.every"],
+            Comparison::ControlStudy => vec!["workers", "synergy.file", "evaluation.every", "evaluation.few_numbers"],
         }
     }
 }
