@@ -110,14 +110,6 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
         return list(&sweep);
     }
     setup::ensure_mujoco(&args.install)?;
-    let others = sweep.others()?;
-    if !others.is_empty() && !args.quiet {
-        say!(
-            "note: {} of the directory {} none of this sweep",
-            counted(others.len(), "run"),
-            if others.len() == 1 { "is" } else { "are" }
-        );
-    }
     if args.slurm {
         return submit(args, &sweep, &stem);
     }
@@ -125,10 +117,18 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
 }
 
 fn train_here(args: &Args, sweep: &Sweep) -> anyhow::Result<Outcome> {
+    sweep.write_studies()?;
     let _locked = sweep.lock()?;
     let stop = count_signals()?;
     let program = own_program()?;
     let mut failures: Vec<String> = Vec::new();
+    let others = sweep.others()?.len();
+    if others > 0 && !args.quiet {
+        say!(
+            "note: {} there that the file does not name",
+            if others == 1 { "a run is".to_owned() } else { format!("{others} runs are") }
+        );
+    }
     for stage in 0..sweep.stages() {
         let (positions, jobs): (Vec<usize>, Vec<Job>) = sweep.jobs(stage)?.into_iter().unzip();
         let share = Share::of(args.jobs, jobs.iter().filter(|job| !job.is_done()).count());
@@ -245,6 +245,7 @@ fn list(sweep: &Sweep) -> anyhow::Result<Outcome> {
 
 /// Submits every stage; each waits for the one before it.
 fn submit(args: &Args, sweep: &Sweep, stem: &str) -> anyhow::Result<Outcome> {
+    sweep.write_studies()?;
     let _locked = sweep.lock()?;
     let waiting: Vec<usize> = sweep
         .members

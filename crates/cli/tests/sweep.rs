@@ -98,7 +98,8 @@ fn status(command: &mut Command, expected: i32) -> Output {
 }
 
 fn runs() -> Vec<String> {
-    let variants = (0..2).flat_map(|lambda| (1..=3).map(move |c| format!("l{lambda}-c{c}")));
+    let gammas = ["0.9", "0.95", "0.98"];
+    let variants = (0..2).flat_map(|lambda| gammas.map(move |gamma| format!("l{lambda}-gamma{gamma}")));
     let variants: Vec<String> = variants.collect();
     (1..=2).flat_map(|seed| variants.iter().map(move |variant| format!("{variant}-s{seed}"))).collect()
 }
@@ -108,6 +109,7 @@ fn a_sweep_trains_every_combination_once() {
     let place = Place::new("");
     let listed = text(&status(&mut place.sweep(&["--dry-run"]), 0).stdout);
     assert_eq!(listed.lines().filter(|line| line.ends_with("new")).count(), 12, "{listed}");
+    assert!(!place.path("all").exists(), "a list makes nothing");
     assert!(listed.contains("lambda 1, learner.gamma 0.95"), "{listed}");
     let output = status(&mut place.sweep(&["--jobs", "2", "--json"]), 0);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -117,19 +119,16 @@ fn a_sweep_trains_every_combination_once() {
         "{report}"
     );
     assert!(runs().iter().all(|run| place.is_complete(run)));
-    let config = std::fs::read_to_string(place.path("all/gripper/l0-c3-s2/config.toml")).unwrap();
+    let config = std::fs::read_to_string(place.path("all/gripper/l0-gamma0.98-s2/config.toml")).unwrap();
     let config: toml::Table = toml::from_str(&config).unwrap();
     assert_eq!((config["learner"]["gamma"].as_float(), config["seed"].as_integer()), (Some(0.98), Some(2)));
     let again = text(&status(&mut place.sweep(&[]), 0).stderr);
     assert!(again.contains("12 done"), "{again}");
-    // Another value for a run that is there.
-    std::fs::write(
-        place.path("small.toml"),
-        std::fs::read_to_string(place.path("small.toml")).unwrap().replace("0.95", "0.97"),
-    )
-    .unwrap();
+    // Another setting for the runs that are there.
+    let file = std::fs::read_to_string(place.path("small.toml")).unwrap();
+    std::fs::write(place.path("small.toml"), file.replace("batch_size = 32", "batch_size = 16")).unwrap();
     let refused = text(&status(&mut place.sweep(&[]), 2).stderr);
-    assert!(refused.contains("learner.gamma is 0.95 there and 0.97 here"), "{refused}");
+    assert!(refused.contains("learner.batch_size is 32 there and 16 here"), "{refused}");
 }
 
 #[test]
@@ -275,8 +274,10 @@ fn a_sweep_through_slurm_completes_after_a_job_was_cancelled() {
         println!("skipped: needs root, slurmctld, slurmd, munged and sbatch");
         return;
     };
-    // One core each, four at a time. The cancelled run is long enough to be caught in the middle.
+    // One core each, four at a time. The runs are long enough for one to be caught in the middle.
     let place = Place::new("[slurm]\ncpus = 1\n");
+    let file = std::fs::read_to_string(place.path("small.toml")).unwrap();
+    std::fs::write(place.path("small.toml"), file.replacen("episodes = 24", "episodes = 80", 1)).unwrap();
     let submit = || {
         let mut command = place.sweep(&["--slurm"]);
         command.env("SLURM_CONF", slurm.config());
@@ -284,24 +285,27 @@ fn a_sweep_through_slurm_completes_after_a_job_was_cancelled() {
     };
     let said = text(&status(&mut submit(), 0).stdout);
     assert!(said.contains("12 runs as job"), "{said}");
-    wait_for("a run in training", || slurm.queue().iter().any(|line| line == "1 R"));
-    let refused = text(&status(&mut submit(), 1).stderr);
-    assert!(refused.contains("still queued"), "{refused}");
+    let cancelled = &runs()[1];
+    wait_for("a run in training", || place.path("all/gripper").join(cancelled).join("status.json").exists());
     let job = std::fs::read_to_string(place.path("all/slurm-jobs.txt")).unwrap();
     status(&mut slurm.command("scancel", &[&format!("{job}_1")]), 0);
+    let refused = text(&status(&mut submit(), 1).stderr);
+    assert!(refused.contains("still queued"), "{refused}");
     wait_for("the end of the jobs", || slurm.queue().is_empty());
-    let cancelled = &runs()[1];
     let complete = |run: &&String| place.is_complete(run);
-    let log =
-        |task: usize| std::fs::read_to_string(place.path("all").join(format!("slurm-{task}.log"))).unwrap_or_default();
+    let log = |task: usize| {
+        let text = std::fs::read_to_string(place.path("all").join(format!("slurm-{task}.log"))).unwrap_or_default();
+        format!("task {task}:\n{text}")
+    };
+    let logs = || (0..12).map(log).collect::<String>();
     let all = runs();
     let left: Vec<&String> = all.iter().filter(|run| !complete(run)).collect();
-    assert_eq!(left, [cancelled], "{}", log(1));
+    assert_eq!(left, [cancelled], "{}", logs());
     assert!(log(1).contains("interrupted: everything is saved"), "{}", log(1));
     let said = text(&status(&mut submit(), 0).stdout);
     assert!(said.contains("1 run as job"), "{said}");
     wait_for("the end of the job", || slurm.queue().is_empty());
-    assert!(all.iter().all(|run| place.is_complete(run)), "{}", log(1));
+    assert!(all.iter().all(|run| place.is_complete(run)), "{}", logs());
     // Now there is nothing to submit, and the same command shows the results.
     let said = text(&status(&mut submit(), 0).stdout);
     assert!(said.contains("report:"), "{said}");

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
-use eigenhand_files::create_directory;
+use eigenhand_files::{create_directory, sha256};
 
 use crate::config::Preset;
 use crate::error::TrainError;
@@ -64,7 +64,7 @@ pub struct Sweep {
 }
 
 impl Sweep {
-    /// Resolves the settings of every run, and finds the state of the runs. No run is changed.
+    /// Resolves the settings of every run, and finds the state of the runs. Nothing is written.
     ///
     /// `base` has what the file does not: places of hands, settings below those of the file.
     ///
@@ -75,12 +75,19 @@ impl Sweep {
         if is_run(directory) {
             return Err(TrainError::RunExists { path: directory.to_owned() });
         }
-        let sweep = Sweep::list(file, base, directory)?;
-        for study in sweep.studies() {
+        Sweep::list(file, base, directory)
+    }
+
+    /// Makes the directories, and writes which runs belong to which variant, for the reports.
+    ///
+    /// # Errors
+    /// [`TrainError::File`].
+    pub fn write_studies(&self) -> Result<(), TrainError> {
+        for study in self.studies() {
             create_directory(&study)?;
-            json_file::write(&study.join(STUDY), &sweep.study(&study))?;
+            json_file::write(&study.join(STUDY), &self.study(&study))?;
         }
-        Ok(sweep)
+        Ok(())
     }
 
     /// Returns the directory of each hand, which is a study.
@@ -130,7 +137,7 @@ impl Sweep {
         let (mut variants, mut requests) = (Vec::new(), Vec::new());
         for hand in hands {
             for lambda in optional(&file.lambdas) {
-                for (n, assignments) in combinations.iter().enumerate() {
+                for assignments in &combinations {
                     let own = assignments.iter().map(|(key, value)| assignment((key, value)));
                     let request = NewRun {
                         hand: hand.cloned().or_else(|| base.hand.clone()),
@@ -143,7 +150,7 @@ impl Sweep {
                     };
                     let (config, hand) = resolve(&request)?;
                     let hand = hand.manifest.name.clone();
-                    variants.push(Variant::of(hand, config.lambda, (n, combinations.len()), assignments));
+                    variants.push(Variant::of(hand, config.lambda, assignments));
                     requests.push(request);
                 }
             }
@@ -265,17 +272,49 @@ fn check_stages(file: &SweepFile, every: u64, episodes: u64) -> Result<(), Strin
 }
 
 impl Variant {
-    /// `n` is the position of the combination of settings, and the number of all.
-    fn of(hand: String, lambda: f64, (n, all): (usize, usize), assignments: &Assignments) -> Variant {
-        let width = all.to_string().len();
-        let number = if all > 1 { format!("-c{:0width$}", n + 1) } else { String::new() };
+    fn of(hand: String, lambda: f64, assignments: &Assignments) -> Variant {
         let settings: String = assignments.iter().map(|(key, value)| format!(", {key} {value}")).collect();
         Variant {
-            name: format!("l{lambda}{number}"),
+            name: format!("l{lambda}{}", name_of(assignments)),
             title: format!("lambda {lambda}{settings}"),
             hand,
             lambda,
             assignments: assignments.clone(),
         }
+    }
+}
+
+/// `[("learner.gamma", 0.95)]` => `-gamma0.95`; what is too long or no part of a file's name ends with a digest
+fn name_of(assignments: &Assignments) -> String {
+    const LONGEST: usize = 60;
+    const DIGITS: usize = 6;
+    let one = |(key, value): &(String, toml::Value)| format!("-{}{value}", key.rsplit('.').next().unwrap_or(key));
+    let whole: String = assignments.iter().map(one).collect();
+    let is_plain = |c: &char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    let plain: String = whole.chars().filter(is_plain).take(LONGEST).collect();
+    if plain == whole { plain } else { format!("{plain}-{}", &sha256(whole.as_bytes())[..DIGITS]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use toml::Value;
+
+    use super::name_of;
+
+    #[test]
+    fn a_variant_is_named_by_its_settings() {
+        let of = |settings: &[(&str, Value)]| {
+            name_of(&settings.iter().map(|(key, value)| ((*key).to_owned(), value.clone())).collect())
+        };
+        assert_eq!(of(&[]), "");
+        assert_eq!(
+            of(&[("learner.gamma", Value::Float(0.95)), ("synergy.components", Value::Integer(3))]),
+            "-gamma0.95-components3"
+        );
+        let list = |name: &str| Value::Array(vec![Value::String(name.to_owned())]);
+        let [cube, sphere] = ["cube", "sphere"].map(|name| of(&[("objects", list(name))]));
+        assert!(cube.starts_with("-objectscube-") && sphere.starts_with("-objectssphere-"), "{cube} {sphere}");
+        let long = of(&[("a", Value::String("x".repeat(300)))]);
+        assert!(long.len() < 80, "{long}");
     }
 }
