@@ -177,12 +177,16 @@ fn links_between_documents_lead_somewhere() {
         "docs/algorithms.md",
         "docs/configuration.md",
         "docs/experiments.md",
+        "docs/gallery.md",
         "docs/hands.md",
         "docs/objects.md",
         "docs/performance.md",
+        "docs/reliability.md",
         "docs/report.md",
         "docs/results/README.md",
         "docs/run-directory.md",
+        "docs/scaling.md",
+        "docs/study/README.md",
         "examples/python/README.md",
     ] {
         let text = read(document);
