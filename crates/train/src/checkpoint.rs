@@ -254,7 +254,7 @@ struct Found {
 /// file.
 ///
 /// # Errors
-/// As [`Checkpoints::open`].
+/// [`TrainError::NotARun`] without a checkpoint, [`TrainError::Damaged`] if none can be read.
 pub fn newest_learner(run: &Path) -> Result<(Counters, TensorMap), TrainError> {
     let mut first = None;
     for checkpoint in newest_first(run)? {
