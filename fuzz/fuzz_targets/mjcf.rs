@@ -1,2 +1,4 @@
 #![no_main]
-libfuzzer_sys::fuzz_target!(|bytes: &[u8]| eigenhand_fuzz::inputs::mjcf(bytes));
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    eigenhand_fuzz::inputs::mjcf(bytes);
+});

@@ -12,8 +12,8 @@ use eigenhand_rl::{EpisodeData, NormalizerConfig, Policy, TensorMap};
 use eigenhand_synergy::{MotorMap, SynergyFile, read_matrix};
 use tempfile::TempDir;
 
-/// A reader of bytes.
-pub type Input = fn(&[u8]);
+/// A reader of bytes, which tells whether they were such a file.
+pub type Input = fn(&[u8]) -> bool;
 
 /// Each kind of file, by the name of its fuzz target and of its directory in `corpus/`.
 pub const INPUTS: [(&str, Input); 13] = [
@@ -42,49 +42,49 @@ const ROBOT: &str = r#"<robot name="claw">
 </robot>"#;
 
 /// Reads a manifest `hand.toml` beside a good model.
-pub fn manifest(bytes: &[u8]) {
-    hand(bytes, MODEL.as_bytes());
+pub fn manifest(bytes: &[u8]) -> bool {
+    hand(bytes, MODEL.as_bytes())
 }
 
 /// Reads an MJCF file as a hand's own model, and imports it.
-pub fn mjcf(bytes: &[u8]) {
-    hand(MANIFEST.as_bytes(), bytes);
-    imported("import", "robot.xml", bytes);
+pub fn mjcf(bytes: &[u8]) -> bool {
+    let is_hand = hand(MANIFEST.as_bytes(), bytes);
+    imported("import", "robot.xml", bytes) || is_hand
 }
 
 /// Imports a URDF file.
-pub fn urdf(bytes: &[u8]) {
-    imported("import", "robot.urdf", bytes);
+pub fn urdf(bytes: &[u8]) -> bool {
+    imported("import", "robot.urdf", bytes)
 }
 
 /// Imports a URDF whose links have an STL mesh.
-pub fn stl(bytes: &[u8]) {
-    mesh("mesh.stl", bytes);
+pub fn stl(bytes: &[u8]) -> bool {
+    mesh("mesh.stl", bytes)
 }
 
 /// Imports a URDF whose links have a Wavefront OBJ mesh.
-pub fn obj(bytes: &[u8]) {
-    mesh("mesh.obj", bytes);
+pub fn obj(bytes: &[u8]) -> bool {
+    mesh("mesh.obj", bytes)
 }
 
 /// Imports a URDF whose links have a COLLADA mesh.
-pub fn collada(bytes: &[u8]) {
-    mesh("mesh.dae", bytes);
+pub fn collada(bytes: &[u8]) -> bool {
+    mesh("mesh.dae", bytes)
 }
 
 /// Reads a matrix.
-pub fn npy(bytes: &[u8]) {
+pub fn npy(bytes: &[u8]) -> bool {
     let file = place("npy").join("matrix.npy");
     write(&file, bytes);
-    if let Ok(rows) = read_matrix(&file) {
-        assert!(rows.iter().all(|row| row.len() == rows[0].len()), "rows of one length");
-    }
+    let Ok(rows) = read_matrix(&file) else { return false };
+    assert!(rows.iter().all(|row| row.len() == rows[0].len()), "rows of one length");
+    true
 }
 
 /// Reads a `synergy.toml`, and uses it.
-pub fn synergy(bytes: &[u8]) {
-    let Ok(text) = std::str::from_utf8(bytes) else { return };
-    let Ok(file) = SynergyFile::from_toml(text) else { return };
+pub fn synergy(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
+    let Ok(file) = SynergyFile::from_toml(text) else { return false };
     let numbers = vec![0.5; file.synergy.n_components()];
     let decoded = file.synergy.decode(&numbers);
     assert_eq!(file.synergy.encode(&decoded).len(), numbers.len());
@@ -94,33 +94,35 @@ pub fn synergy(bytes: &[u8]) {
     if let Ok(again) = file.to_toml() {
         assert!(SynergyFile::from_toml(&again).is_ok(), "what it writes can be read");
     }
+    true
 }
 
 /// Reads a `motors.toml` for the actuators of the synergy in the corpus.
-pub fn motors(bytes: &[u8]) {
-    let Ok(text) = std::str::from_utf8(bytes) else { return };
+pub fn motors(bytes: &[u8]) -> bool {
+    let Ok(text) = std::str::from_utf8(bytes) else { return false };
     let known = include_str!("../corpus/synergy/small.toml");
-    let Ok(SynergyFile { synergy, hand, .. }) = SynergyFile::from_toml(known) else { return };
-    if let Ok(map) = MotorMap::from_toml(text, &hand, synergy.joints()) {
-        let values = map.values(&vec![0.1; synergy.joints().len()]);
-        assert_eq!(map.commands(&values).len(), synergy.joints().len());
-    }
+    let Ok(SynergyFile { synergy, hand, .. }) = SynergyFile::from_toml(known) else { return false };
+    let Ok(map) = MotorMap::from_toml(text, &hand, synergy.joints()) else { return false };
+    let values = map.values(&vec![0.1; synergy.joints().len()]);
+    assert_eq!(map.commands(&values).len(), synergy.joints().len());
+    true
 }
 
 /// Reads a policy from safetensors, and lets it act.
-pub fn policy(bytes: &[u8]) {
-    let Ok(tensors) = TensorMap::load_bytes(bytes) else { return };
+pub fn policy(bytes: &[u8]) -> bool {
+    let Ok(tensors) = TensorMap::load_bytes(bytes) else { return false };
     let Ok(policy) =
         Policy::import_tensors(&tensors, &NormalizerConfig { epsilon: 1e-2, norm_clip: 5.0, raw_clip: 200.0 })
     else {
-        return;
+        return false;
     };
     let mut action = vec![0.0; policy.act_dim()];
     policy.act(&vec![0.1; policy.obs_dim()], &vec![0.1; policy.goal_dim()], &mut policy.scratch(), &mut action);
+    true
 }
 
 /// Reads the episodes of a replay file, of which the last has the checksum of its bytes.
-pub fn replay(bytes: &[u8]) {
+pub fn replay(bytes: &[u8]) -> bool {
     let mut bytes = bytes.to_vec();
     if let Some(end) = bytes.len().checked_sub(8) {
         let digest = eigenhand_files::sha256(&bytes[..end]);
@@ -133,47 +135,48 @@ pub fn replay(bytes: &[u8]) {
         assert!(episode.validate().is_ok() && episode.to_bytes().is_ok(), "what is read can be written");
         rest = after;
     }
+    rest.len() < bytes.len()
 }
 
 /// Reads the record of a checkpoint, behind a digest that agrees with it.
-pub fn checkpoint(bytes: &[u8]) {
+pub fn checkpoint(bytes: &[u8]) -> bool {
     let run = place("checkpoint");
     let record = run.join("checkpoints/episode-00000001/state.toml");
     let digest = format!("digest = \"{}\"\n", eigenhand_files::sha256(bytes));
     write(&record, &[digest.as_bytes(), bytes].concat());
     write(&record.with_file_name("learner.safetensors"), include_bytes!("../corpus/policy/small.safetensors"));
-    let _ = eigenhand_train::newest_learner(&run);
+    eigenhand_train::newest_learner(&run).is_ok()
 }
 
 /// Reads `metrics.csv`.
-pub fn metrics(bytes: &[u8]) {
+pub fn metrics(bytes: &[u8]) -> bool {
     let run = place("metrics");
     write(&run.join("metrics.csv"), bytes);
-    let _ = eigenhand_train::read_metrics(&run);
+    eigenhand_train::read_metrics(&run).is_ok_and(|rows| !rows.is_empty())
 }
 
-fn hand(manifest: &[u8], model: &[u8]) {
+fn hand(manifest: &[u8], model: &[u8]) -> bool {
     let directory = place("hand");
     write(&directory.join("hand.toml"), manifest);
     write(&directory.join("parallel.xml"), model);
-    if let Ok(hand) = Hand::load(&directory) {
-        let commands = hand.actuation().control(&hand.open_posture_vector());
-        assert!(commands.iter().all(|command| command.is_finite()));
-        assert!(!HandSummary::of(&hand).name.is_empty());
-    }
+    let Ok(hand) = Hand::load(&directory) else { return false };
+    let commands = hand.actuation().control(&hand.open_posture_vector());
+    assert!(commands.iter().all(|command| command.is_finite()));
+    assert!(!HandSummary::of(&hand).name.is_empty());
+    true
 }
 
-fn mesh(name: &str, bytes: &[u8]) {
+fn mesh(name: &str, bytes: &[u8]) -> bool {
     write(&place("mesh").join("robot.urdf"), ROBOT.replace("MESH", name).as_bytes());
     let file = place("mesh").join(name);
     write(&file, bytes);
-    let _ = import(&place("mesh").join("robot.urdf"), &ImportOptions::default(), &mut Vec::new());
+    import(&place("mesh").join("robot.urdf"), &ImportOptions::default(), &mut Vec::new()).is_ok()
 }
 
-fn imported(directory: &str, name: &str, bytes: &[u8]) {
+fn imported(directory: &str, name: &str, bytes: &[u8]) -> bool {
     let file = place(directory).join(name);
     write(&file, bytes);
-    let _ = import(&file, &ImportOptions::default(), &mut Vec::new());
+    import(&file, &ImportOptions::default(), &mut Vec::new()).is_ok()
 }
 
 /// Returns a directory of this process, which is in memory where there is such a place.

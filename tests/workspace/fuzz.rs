@@ -40,15 +40,20 @@ fn the_kept_files_of_the_fuzzer_are_read() {
     for (name, input) in INPUTS {
         let files = files_of(name);
         assert!(!files.is_empty(), "fuzz/corpus/{name} has files");
+        let mut n_read = 0;
         for file in files {
             let bytes = std::fs::read(&file).unwrap();
-            input(&bytes);
+            n_read += u32::from(input(&bytes));
             for seed in 0..DAMAGED {
                 let damaged = damage(&bytes, seed);
                 let read = std::panic::catch_unwind(|| input(&damaged));
                 assert!(read.is_ok(), "{}, damaged with seed {seed}", file.display());
             }
         }
+        assert!(
+            n_read > 0,
+            "a good file is among those of fuzz/corpus/{name}, so that the fuzzer gets beyond the beginning"
+        );
     }
 }
 

@@ -25,7 +25,7 @@ const SUBMITTED: &str = "slurm-jobs.txt";
 const EXAMPLES: &str = "\
 A file names what varies; every combination is trained with every seed:
 
-  hands = [\"shadow\", \"fourfinger\"]
+  hands = [\"shadow\", \"myhand\"]
   lambdas = [0, 1]
   seeds = [1, 2, 3]
   [settings]                       # the same for all
@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> anyhow::Result<Outcome> {
     let stem = args.file.file_stem().unwrap_or_default().to_string_lossy();
     let directory = args.out.clone().unwrap_or_else(|| Path::new("runs").join(format!("sweep-{stem}")));
     let base = NewRun { force: args.force, hands: search_path(&args.plugins), ..NewRun::default() };
-    let sweep = Sweep::prepare(&file, &base, &directory)?;
+    let sweep = Sweep::prepare(&file, &base, &directory, args.task)?;
     if let Some(task) = args.task {
         return run_task(args, &sweep, task);
     }
@@ -148,9 +148,12 @@ fn train_here(args: &Args, sweep: &Sweep) -> anyhow::Result<Outcome> {
             return Ok(Outcome::Interrupted);
         }
     }
-    report::show_studies(&sweep.studies(), args.json)?;
+    let shown = report::show_studies(&sweep.studies(), args.json);
     if failures.is_empty() {
-        return Ok(Outcome::Done);
+        return shown.map(|()| Outcome::Done);
+    }
+    if let Err(error) = shown {
+        say!("no report: {error:#}");
     }
     say!("failed: {}; try again with: {}", failures.join(", "), same_command());
     Ok(Outcome::Failed)
@@ -162,7 +165,7 @@ fn run_task(args: &Args, sweep: &Sweep, task: usize) -> anyhow::Result<Outcome> 
         bail!("--task {task}: the sweep has {}", counted(sweep.members.len(), "run"));
     };
     let name = &member.job.name;
-    let Some((_, job)) = sweep.jobs(args.stage)?.into_iter().find(|(position, _)| *position == task) else {
+    let Some(job) = sweep.job(args.stage, task)? else {
         say!("{name} is not among the best, and ends here");
         return Ok(Outcome::Done);
     };

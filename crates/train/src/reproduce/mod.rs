@@ -186,7 +186,8 @@ fn write_study(variants: &[Variant], seeds: &[u64], directory: &Path) -> Result<
 
 impl Member {
     fn of(variant: &Variant, config: &RunConfig, directory: &Path) -> Result<Member, TrainError> {
-        let job = Job::in_directory(directory, variant.run_name(config.seed), config.episodes)?;
+        let mut job = Job::new(directory, variant.run_name(config.seed), config.episodes);
+        job.refresh()?;
         let needs = variant.needs().map(|needed| directory.join(run_name(needed, config.seed)));
         Ok(Member {
             job: Job { needs, ..job },

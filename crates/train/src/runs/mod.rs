@@ -47,14 +47,11 @@ pub struct Job {
 }
 
 impl Job {
-    /// Lists the run `name` of `episodes` training episodes in a directory, with its state.
-    ///
-    /// # Errors
-    /// [`TrainError::File`], or [`TrainError::Damaged`] for a summary that cannot be read.
-    pub(crate) fn in_directory(directory: &Path, name: String, episodes: u64) -> Result<Job, TrainError> {
+    /// Makes the run `name` of `episodes` training episodes in a directory, as if it were new.
+    pub(crate) fn new(directory: &Path, name: String, episodes: u64) -> Job {
         let run = directory.join(&name);
         let log = directory.join(format!("{name}.log"));
-        Ok(Job { state: state_of(&run)?, name, needs: None, episodes, until: None, run, log })
+        Job { state: State::New, name, needs: None, episodes, until: None, run, log }
     }
 
     /// Tells whether nothing is left to be trained.
@@ -80,10 +77,10 @@ impl Job {
         }
     }
 
-    /// Finds the state of its directory anew.
+    /// Finds the state of its directory.
     ///
     /// # Errors
-    /// As of a listing.
+    /// [`TrainError::File`], or [`TrainError::Damaged`] for a summary that cannot be read.
     pub(crate) fn refresh(&mut self) -> Result<(), TrainError> {
         self.state = state_of(&self.run)?;
         Ok(())

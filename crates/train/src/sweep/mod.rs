@@ -66,16 +66,33 @@ pub struct Sweep {
 impl Sweep {
     /// Resolves the settings of every run, and finds the state of the runs. Nothing is written.
     ///
-    /// `base` has what the file does not: places of hands, settings below those of the file.
+    /// `base` has what the file does not: places of hands, settings below those of the file. With `only`, the run at this
+    /// position alone is looked at: others may be in training.
     ///
     /// # Errors
     /// The first fault of the settings or of a hand; [`TrainError::OtherSettings`] when a run in the directory has other
     /// settings.
-    pub fn prepare(file: &SweepFile, base: &NewRun, directory: &Path) -> Result<Sweep, TrainError> {
+    pub fn prepare(
+        file: &SweepFile,
+        base: &NewRun,
+        directory: &Path,
+        only: Option<usize>,
+    ) -> Result<Sweep, TrainError> {
         if is_run(directory) {
             return Err(TrainError::RunExists { path: directory.to_owned() });
         }
-        Sweep::list(file, base, directory)
+        let mut sweep = Sweep::list(file, base, directory)?;
+        for (position, member) in sweep.members.iter_mut().enumerate() {
+            if only.is_some_and(|only| only != position) {
+                continue;
+            }
+            member.job.refresh()?;
+            if is_run(&member.job.run) {
+                let (config, _) = resolve(&member.request)?;
+                check_settings(&member.job.run, &config.settings()?, &["workers", "tensorboard"])?;
+            }
+        }
+        Ok(sweep)
     }
 
     /// Makes the directories, and writes which runs belong to which variant, for the reports.
@@ -168,10 +185,7 @@ impl Sweep {
                 check_stages(file, config.evaluation.every, config.episodes)
                     .map_err(|reason| wrong("halving", reason))?;
                 let shown = format!("{}/{name}", variants[variant].hand);
-                let job = Job { name: shown, ..Job::in_directory(&directory, name, config.episodes)? };
-                if is_run(&job.run) {
-                    check_settings(&job.run, &config.settings()?, &["workers", "tensorboard"])?;
-                }
+                let job = Job { name: shown, ..Job::new(&directory, name, config.episodes) };
                 members.push(Member { job, variant, seed, request });
             }
         }
@@ -197,15 +211,24 @@ impl Sweep {
     /// Those of the runs' files.
     pub fn jobs(&self, stage: usize) -> Result<Vec<(usize, Job)>, TrainError> {
         let going_on = self.going_on(stage)?;
+        let going_on = |position: &usize| going_on[self.members[*position].variant];
+        (0..self.members.len()).filter(going_on).map(|position| Ok((position, self.job_of(stage, position)?))).collect()
+    }
+
+    /// Returns the run at a position, to the end of a stage; none if it does not go on in it.
+    ///
+    /// # Errors
+    /// Those of its files, and of the metrics of the runs with which it competes.
+    pub fn job(&self, stage: usize, position: usize) -> Result<Option<Job>, TrainError> {
+        let goes_on = self.going_on(stage)?[self.members[position].variant];
+        goes_on.then(|| self.job_of(stage, position)).transpose()
+    }
+
+    fn job_of(&self, stage: usize, position: usize) -> Result<Job, TrainError> {
         let until = self.file.halving.as_ref().and_then(|halving| halving.episodes.get(stage).copied());
-        let members = self.members.iter().enumerate().filter(|(_, member)| going_on[member.variant]);
-        members
-            .map(|(position, member)| {
-                let mut job = Job { until, ..member.job.clone() };
-                job.refresh()?;
-                Ok((position, job))
-            })
-            .collect()
+        let mut job = Job { until, ..self.members[position].job.clone() };
+        job.refresh()?;
+        Ok(job)
     }
 
     /// Tells for each variant whether it goes on in a stage: in each stage before, it was among the best of its hand.
